@@ -1,7 +1,7 @@
 """Conditions on signals as people write them, `v_x > 5 and abs(steer) < 0.1`: parsed, never executed.
 
-Understood are names of signals, `time`, numbers, + - * /, abs(), comparisons (also 1 < v_x < 5), and, or, not, and
-brackets. Where a signal that is named is missing, the condition does not hold.
+A condition may contain names of signals, `time`, numbers, + - * /, abs(), comparisons (also 1 < v_x < 5), and, or, not,
+and brackets. In rows where one of its signals is missing, a condition is false.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from .errors import BadInput, near_or_all
 
 Values = NDArray[np.float64]
 LONGEST = 500
-"""Characters of a condition."""
+"""Largest number of characters of a condition."""
 ARITHMETIC: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: np.add, ast.Sub: np.subtract, ast.Mult: np.multiply, ast.Div: np.divide,
 }  # fmt: skip
@@ -30,7 +30,7 @@ EXAMPLE = "write it like v_x > 5 and abs(steer) < 0.1"
 
 
 def span(text: str) -> tuple[float | None, float | None]:
-    """START:STOP in seconds, either of which may be missing, but not both. Raises `BadInput`."""
+    """Parse START:STOP in seconds; one of the two may be missing. Raises `BadInput`."""
     ends = text.split(":")
     try:
         start, stop = (float(end) if end.strip() else None for end in ends)
@@ -44,12 +44,12 @@ def span(text: str) -> tuple[float | None, float | None]:
 
 
 def holds(condition: str, signals: Mapping[str, Values]) -> NDArray[np.bool_]:
-    """Where a condition holds, (n,), for signals of (n,) values each.
+    """Rows in which a condition is true, (n,), for signals of (n,) values each.
 
     Raises
     ------
     BadInput
-        It cannot be understood, or names a signal there is not.
+        The condition cannot be parsed, or names a signal that is not recorded.
     """
     if len(condition) > LONGEST:
         raise BadInput(f"The condition has {len(condition)} characters; at most {LONGEST} are allowed.")
@@ -65,7 +65,7 @@ def holds(condition: str, signals: Mapping[str, Values]) -> NDArray[np.bool_]:
 
 
 class _Walk:
-    """A condition's tree, evaluated part by part."""
+    """Recursive evaluation of a condition's syntax tree."""
 
     def __init__(self, condition: str, signals: Mapping[str, Values]) -> None:
         self.condition, self.signals, self.named = condition, signals, set[str]()

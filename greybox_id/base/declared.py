@@ -1,4 +1,4 @@
-"""Values of the types that are declared: files may be forged or mended by hand, arguments may be mistaken."""
+"""Checks of values against declared types: of data from files, which may have been edited by hand, and of arguments."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ WORDS: Mapping[Any, str] = {
     float: "a number", int: "a whole number", str: "a text", bool: "True or False", Path: "a path",
     type(None): "None", Mapping: "a mapping of names to values", Callable: "a function",
 }  # fmt: skip
-"""What types are called."""
+"""Names of types in errors."""
 
 
 def understood(function: Callable[P, Returned]) -> Callable[P, Returned]:
-    """A function that names the argument where it fails because that is of another type than declared.
+    """Decorate a function: if it fails and an argument is not of its declared type, the error names that argument.
 
-    What works is not refused: types are only looked at when something went wrong.
+    Types are checked only after a failure, so that no call that works is refused.
     """
 
     @wraps(function)
@@ -47,10 +47,10 @@ def understood(function: Callable[P, Returned]) -> Callable[P, Returned]:
 
 
 def _mistaken(function: Callable[..., Any], args: Any, kwargs: Any) -> str:
-    """What is wrong with the first argument of another type than declared; empty where none is."""
+    """Sentence about the first argument that is not of its declared type; empty if all are."""
     try:
         given = signature(function).bind(*args, **kwargs).arguments
-    except TypeError:  # it is not called so at all
+    except TypeError:  # the call does not match the signature
         return ""
     for name, value in given.items():
         stated = types.SimpleNamespace(__annotations__={name: function.__annotations__.get(name, Any)})
@@ -88,20 +88,20 @@ def _words(kind: Any) -> list[str]:
 
 
 def of_plain(kind: Any, value: Any, name: str, *, null: float | None = None) -> Any:
-    """Plain data of a file as the type that is declared: lists become tuples or arrays, tables become dataclasses.
+    """Plain data of a file converted to a declared type: lists become tuples or arrays, tables become dataclasses.
 
     Parameters
     ----------
-    kind : a type as annotations state it: plain types, literals, unions, tuples, mappings, arrays of numbers,
-        dataclasses. Other types are not looked at.
-    value : plain data; of a table what a dataclass does not have is left out.
-    name : what the value is called in the sentence.
-    null : number that null stands for where a number is declared; None refuses it.
+    kind : annotated type: plain types, literals, unions, tuples, mappings, arrays of numbers, dataclasses. Values of
+        other types are returned unchecked.
+    value : plain data; keys of a table that are no fields of the dataclass are ignored.
+    name : the value's name in errors.
+    null : number that replaces null where a number is declared; None raises `TypeError` for null.
 
     Raises
     ------
-    TypeError : the value, or anything in it, is not of that type.
-    ValueError : a dataclass refuses it, or an array is none of numbers.
+    TypeError : the value, or a part of it, is not of the declared type.
+    ValueError : a dataclass rejects its values, or an array holds something other than numbers.
     """
     origin, inside = get_origin(kind), get_args(kind)
 
@@ -142,7 +142,7 @@ def of_plain(kind: Any, value: Any, name: str, *, null: float | None = None) -> 
 
 
 def _first(of: Callable[[Any, Any, str], Any], kinds: tuple[Any, ...], value: Any, name: str) -> Any:
-    """The value as the first of several types that it suits."""
+    """The value converted to the first type of a union that accepts it."""
     refused: TypeError | None = None
     for kind in sorted(kinds, key=lambda kind: kind is not type(None)):
         try:

@@ -1,4 +1,4 @@
-"""What went wrong, as a sentence.
+"""Errors as sentences.
 
 Every error a user can cause is a `GreyboxError`. Its text says what is wrong, where (file, column,
 row) and what to do about it; the command line prints it and exits with 2, without a traceback.
@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable
 
 _ARGUMENT = re.compile(r"‹(\w+)(?:\|([^›]*))?›")
-"""An argument in a sentence: ‹columns›, or ‹own|models=, effects=› where functions call it differently."""
+"""An argument in a sentence: ‹columns›, or ‹option|models=, effects=› if option and arguments differ in name."""
 
 
 class GreyboxError(Exception):
@@ -25,11 +25,11 @@ class GreyboxError(Exception):
     """
 
     def __str__(self) -> str:
-        """The sentence as callers of functions read it: arguments by their names."""
+        """The sentence with arguments by their names in Python."""
         return _ARGUMENT.sub(lambda match: match[2] or match[1], super().__str__())
 
     def said(self, call: Callable[[str], str]) -> str:
-        """The sentence with arguments called as `call` says: a command line calls ‹columns› by an option of its own."""
+        """The sentence with each argument's name replaced by `call` of it, such as an option of the command line."""
         return _ARGUMENT.sub(lambda match: call(match[1]), super().__str__())
 
 
@@ -47,7 +47,7 @@ class BadInput(GreyboxError):
 
 
 class BadModel(GreyboxError):
-    """A model whose equations cannot be traced, or that does not fit the recording it meets.
+    """A model whose equations cannot be traced, or whose signals the recording does not have.
 
     Examples
     --------
@@ -60,13 +60,13 @@ class BadModel(GreyboxError):
 
 
 def near(name: str, known: Iterable[str]) -> str:
-    """A question that names what was meant, with a leading space; empty if nothing is near."""
+    """The question " Did you mean ...?" with the most similar known name; empty if none is similar."""
     meant = nearest(name, known)
     return f" Did you mean {meant}?" if meant is not None else ""
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
-    """The known name that is most like another; None if nothing is."""
+    """The known name most similar to a given one; None if none is similar."""
     from difflib import get_close_matches
 
     lowered = {item.lower(): item for item in known}
@@ -75,20 +75,20 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
 
 
 def must_be_one_of(known: Iterable[str], value: object, sentence: str) -> None:
-    """Raise `BadInput` for a value that is none of those known, in a sentence that begins so: "There is no target"."""
+    """Raise `BadInput` for an unknown value; `sentence` is its beginning, such as "There is no target"."""
     names = list(known)
     if value not in names:
         raise BadInput(f"{sentence} {value!r:.40}.{near_or_all(str(value), names)}")
 
 
 def must_be_whole(value: object, name: str, least: int, most: int | None = None) -> None:
-    """Raise `BadInput` for what is no whole number from `least` on."""
+    """Raise `BadInput` unless the value is a whole number from `least` to `most`."""
     if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= (value if most is None else most):
         up_to = "on" if most is None else f"to {most}"
         raise BadInput(f"‹{name}›: a whole number from {least} {up_to} is needed, not {value!r:.40}.")
 
 
 def near_or_all(name: str, known: Iterable[str]) -> str:
-    """What was meant, or where nothing is near all there is; with a leading space."""
+    """The question of `near`, or a list of all known names if none is similar; with a leading space."""
     names = list(known)
     return near(name, names) or f" Possible names: {', '.join(names)}."

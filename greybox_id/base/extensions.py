@@ -1,6 +1,6 @@
-"""What installed packages bring by entry points: the laboratory's commands and recordings, other people's models.
+"""Extensions by entry points of installed packages: commands, synthetic recordings, exporters.
 
-An entry point is looked up when its group is first needed and loaded when it is used, so that nobody waits for it.
+A group's entry points are looked up and loaded when the group is first needed, so that nothing else waits for them.
 """
 
 from __future__ import annotations
@@ -9,16 +9,16 @@ from functools import cache
 from typing import Any
 
 COMMANDS = "greybox.commands"
-"""Tables of commands: heading -> command -> (module, line of help), as `cli/commands.py` has its own."""
+"""Tables of commands: heading -> command -> (module, line of help), as in `cli/commands.py`."""
 RECORDINGS = "greybox.recordings"
 """Tables of synthetic recordings: name -> (what it is, function of a folder and a seed that writes it)."""
 EXPORTERS = "greybox.exporters"
-"""What writes results that are no models for controllers elsewhere: `export/elsewhere.py`."""
+"""Exporters of results that are not models, such as learned controllers."""
 
 
 @cache
 def extensions(group: str) -> dict[str, Any]:
-    """Name -> what the entry points of a group name, loaded; in the order of their names."""
+    """Name -> loaded object of each entry point of a group, sorted by name."""
     from importlib.metadata import entry_points
 
     return {point.name: point.load() for point in sorted(entry_points(group=group), key=lambda point: point.name)}

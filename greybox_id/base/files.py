@@ -1,9 +1,7 @@
 """Writing files so that nothing already on disk is lost.
 
-Files and folders under way: named so that whoever comes next can tell what a killed process left behind.
-
-A name says on which machine and by which process it was made. Where that process is no more, what it left is removed
-the next time something is written to the same folder.
+Files are written under temporary names, which contain the machine and the process that made them. If that process no
+longer exists, its temporary files are removed the next time something is written to the same folder.
 """
 
 from __future__ import annotations
@@ -25,19 +23,19 @@ from .guard import option_of, permit, protect
 PREFIX = ".greybox-"
 NAME = re.compile(r"\.greybox-(?P<machine>[0-9a-f]{8})-(?P<process>\d+)-(?P<started>\d+)-[0-9a-f]{12}(\..*)?")
 SET_ASIDE = "old"
-"""In a folder under way, the folder with what has to come back if nothing takes its place."""
+"""In a temporary folder, the folder that keeps the old target, to be moved back if the new one is not put in place."""
 
 _swept: set[tuple[int, Path]] = set()
-"""Process and folder in which leftovers were looked for already."""
+"""(process, folder) pairs already searched for leftover files."""
 
 
 def scratch_name(folder: Path, suffix: str = "") -> Path:
-    """A name for something under way in a folder, after what dead processes left there has been removed.
+    """A temporary name in a folder, after removing the temporary files of dead processes there.
 
     Parameters
     ----------
-    folder : must be there.
-    suffix : of the name; libraries go by it.
+    folder : must exist.
+    suffix : of the name; libraries choose the file format by it.
     """
     sweep(folder)
     process = os.getpid()
@@ -46,7 +44,7 @@ def scratch_name(folder: Path, suffix: str = "") -> Path:
 
 @contextmanager
 def scratch_folder(folder: Path) -> Iterator[Path]:
-    """A folder under way in another one, gone at the end."""
+    """A temporary folder within another one, removed at the end."""
     made = scratch_name(folder)
     made.mkdir(mode=0o700)
     try:
@@ -56,7 +54,7 @@ def scratch_folder(folder: Path) -> Iterator[Path]:
 
 
 def sweep(folder: Path) -> None:
-    """Remove what dead processes left in a folder, once for each process and folder; nothing fails over it."""
+    """Remove temporary files of dead processes in a folder, once per process and folder; errors are ignored."""
     key = os.getpid(), folder.absolute()
     if key in _swept:
         return
@@ -81,7 +79,7 @@ def _remove(left: Path) -> None:
 
 
 def _dead(process: int, started: str) -> bool:
-    if sys.platform == "win32":  # where signal 0 is no question
+    if sys.platform == "win32":  # os.kill with signal 0 would not merely check the process
         return False
     try:
         os.kill(process, 0)
@@ -94,7 +92,7 @@ def _dead(process: int, started: str) -> bool:
 
 @lru_cache
 def _machine() -> str:
-    """This machine and its numbering of processes: containers number theirs from 1."""
+    """Hash of the host name and the namespace of process numbers: each container numbers its processes from 1."""
     import hashlib
     import socket
 
@@ -106,7 +104,7 @@ def _machine() -> str:
 
 
 def _started(process: int) -> str:
-    """When a process started, in ticks since the machine did; "0" where the system does not tell."""
+    """Start of a process in clock ticks since boot; "0" on systems without /proc."""
     try:
         stat = Path(f"/proc/{process}/stat").read_text("utf-8", "replace")
     except OSError:
@@ -117,39 +115,39 @@ def _started(process: int) -> str:
 AT_CWD, EXCHANGE = -100, 2
 """AT_FDCWD, and RENAME_EXCHANGE of Linux, which macOS calls RENAME_SWAP."""
 LOCK = ".lock"
-"""The file of a folder that a process locks to have it for itself."""
+"""File that a process locks to have a folder for itself."""
 SMALL = 1 << 20
-"""Bytes of a parameter or tyre file at most: those in use have some kilobytes."""
+"""Largest parameter or tyre file, in bytes: usual ones have a few kilobytes."""
 _batch: ContextVar[list[tuple[Path, Path]] | None] = ContextVar("batch", default=None)
 
 
 def cache_folder() -> Path:
-    """$GREYBOX_CACHE, else the folder greybox-id of $XDG_CACHE_HOME or ~/.cache; it need not be there.
+    """$GREYBOX_CACHE, else the folder greybox-id of $XDG_CACHE_HOME or ~/.cache; it need not exist.
 
-    Raises `RuntimeError` where nobody's home is known.
+    Raises `RuntimeError` if there is no home folder.
     """
     named = os.environ.get("GREYBOX_CACHE")
     return Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache", "greybox-id")
 
 
 def write_atomically(path: Path, text: str, *, continued: bool = False) -> Path:
-    """Write a text beside its target, then replace that, as `replacing` does. Raises `BadInput` where it may not."""
+    """Write a text to a temporary file, then replace the target, as `replacing` does. Raises `BadInput` if refused."""
     with replacing(path, continued=continued) as beside:
         beside.write_text(text, encoding="utf-8", newline="\n")
     return path
 
 
 def near_file(path: Path) -> str:
-    """A question that names the file which was meant, of those where it was looked for; empty if nothing is near.
+    """The question " Did you mean ...?" with the most similar file of the same folder; empty if none is similar.
 
-    Where the folder itself is not there, that is said; with a leading space.
+    If the folder does not exist, a sentence that says so.
     """
     try:
         if path.exists():
             return ""
         if not path.parent.is_dir():
             return f" There is no folder {path.parent}."
-        beside = {path.stem: path.name for path in path.parent.iterdir()}  # endings are alike anyway
+        beside = {path.stem: path.name for path in path.parent.iterdir()}  # suffixes would make all names similar
         result = beside.get(nearest(path.stem, beside) or "")
     except (OSError, ValueError):  # ValueError: a null byte in the path
         return ""
@@ -157,11 +155,11 @@ def near_file(path: Path) -> str:
 
 
 def small_file(path: str | Path, what: str) -> bytes:
-    """The bytes of a file that a command reads, of 1 MB at most.
+    """The bytes of a file that a command reads, at most 1 MB.
 
     Raises
     ------
-    BadInput : it cannot be read, or is larger than a file of that kind is.
+    BadInput : the file cannot be read, or is larger.
     """
     protect(path)
     file = Path(path)
@@ -177,12 +175,12 @@ def small_file(path: str | Path, what: str) -> bytes:
 
 
 def ensure_writable(folder: Path, make: bool = True) -> None:
-    """Raise `BadInput` if nothing can be written to a folder; better before long work than after.
+    """Raise `BadInput` if a folder cannot be written to; called before long work.
 
     Parameters
     ----------
-    folder : where.
-    make : whether the folder is left where there was none.
+    folder : the folder, made if it does not exist.
+    make : whether a folder made for this check is kept.
     """
     new = [] if make else [place for place in (folder, *folder.parents) if not place.exists()]
     with writable(folder):
@@ -196,11 +194,11 @@ def ensure_writable(folder: Path, make: bool = True) -> None:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """A folder for one process at a time, by a lock of the system: it goes with the process however that ends.
+    """Lock a folder for this process; the system releases the lock however the process ends.
 
     Raises
     ------
-    BadInput : another process holds it, or it cannot be locked.
+    BadInput : another process holds the lock, or the folder cannot be locked.
     """
     if sys.platform == "win32":
         yield
@@ -225,18 +223,18 @@ def held(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path, *, continued: bool = False) -> Iterator[Path]:
-    """A file beside the target to write to; it replaces the target when all went well, else it is gone.
+    """A temporary file to write to; it replaces the target on success and is removed otherwise.
 
-    Within `at_once` it replaces the target when everything is written.
+    Within `at_once` it replaces the target when all files are written.
 
     Parameters
     ----------
     path : the target.
-    continued : whether what is there was read by who writes, to carry on with it; else the guard is asked.
+    continued : whether the writer read the existing target to continue it; otherwise the guard must permit it.
 
     Raises
     ------
-    BadInput : it cannot be written, or the guard forbids it.
+    BadInput : the file cannot be written, or the guard forbids it.
     """
     with writable(path):
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -263,10 +261,10 @@ def replacing(path: Path, *, continued: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def at_once() -> Iterator[None]:
-    """Files written meanwhile take their places together at the end; the first one written does so last.
+    """Files written within the context replace their targets together at its end.
 
-    A folder that would hold nothing else is replaced as a whole, in one step. Others get their files one after the
-    other, within microseconds; the first one, which says what the others are, is the last.
+    A folder that would hold no other files is replaced as a whole, in one step. Elsewhere files are replaced one after
+    the other, within microseconds; the file written first, which describes the others, is replaced last.
     """
     batch: list[tuple[Path, Path]] = []
     token = _batch.set(batch)
@@ -287,11 +285,11 @@ def at_once() -> Iterator[None]:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[Path]:
-    """A folder beside the target to write to; it takes the target's place in one step when all went well.
+    """A temporary folder to write to; it replaces the target in one step on success.
 
     Raises
     ------
-    BadInput : it cannot be written.
+    BadInput : the folder cannot be written.
     """
     with writable(folder):
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -310,7 +308,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def writable(path: Path) -> Iterator[None]:
-    """Turn what the system says against writing into a sentence that names the option to change."""
+    """Convert an `OSError` of writing into a `BadInput` that names the option to change."""
     try:
         yield
     except OSError as error:
@@ -320,7 +318,7 @@ def writable(path: Path) -> Iterator[None]:
 
 
 def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:
-    """Replace a folder that holds nothing but the files' targets; False where it holds more, or cannot be."""
+    """Replace a folder that holds only the files' targets in one step; False if it holds more or that is impossible."""
     targets = {target.name for _, target in files}
     scratch = {beside.name for beside, _ in files}
     held = {item.name for item in os.scandir(folder)}
@@ -335,14 +333,14 @@ def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:
             os.link(item, made / target.name)
         _onto_disk(made)
         return _exchanged(made, folder)
-    except OSError:  # no hard links here, or no right to the folder above
+    except OSError:  # a file system without hard links, or no permission to write to the parent folder
         return False
     finally:
         shutil.rmtree(beside, ignore_errors=True)
 
 
 def _take_place(made: Path, folder: Path, aside: Path) -> None:
-    """Put a new folder where one may be already."""
+    """Move a new folder to its target; an existing folder is exchanged, or set aside meanwhile."""
     if not folder.exists():
         made.rename(folder)
     elif not _exchanged(made, folder):
@@ -356,7 +354,7 @@ def _take_place(made: Path, folder: Path, aside: Path) -> None:
 
 
 def _exchanged(one: Path, other: Path) -> bool:
-    """Exchange two folders in one step, where the system and the file system can."""
+    """Exchange two folders in one step; False if the system or the file system cannot."""
     import ctypes
 
     with suppress(AttributeError, OSError):
@@ -369,14 +367,14 @@ def _exchanged(one: Path, other: Path) -> bool:
 
 
 def _onto_disk(path: Path) -> None:
-    """Have a file's content, or a folder's names, survive the machine's loss of power."""
+    """Flush a file's content, or a folder's entries, to disk, so that they survive a power failure."""
     if sys.platform == "win32":
         return
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # file systems that know no such thing
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # raised by file systems without fsync
             raise
     finally:
         os.close(handle)

@@ -1,8 +1,8 @@
-"""Outputs destroy nothing: neither what the same command reads nor a result of another kind.
+"""Overwrite protection: outputs replace neither files that the same command reads nor results of another kind.
 
-Within `guarding`, whatever reads a file says so (`protect`), whatever is to be written is `claim`ed as early as it is
-known, and `files.replacing` asks before it replaces anything (`permit`). Files are told apart by what they are, not by
-how they are spelled: through links, hard links, other cases and folders that are not there.
+Within `guarding`, readers register files (`protect`), outputs are registered as soon as they are known (`claim`), and
+`files.replacing` asks before it replaces a file (`permit`). Files are identified by device and inode, not by path:
+links, hard links, other upper and lower case and folders that do not exist yet are recognised.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pathlib import Path
 from .errors import BadInput
 
 HEAD = 1 << 16
-"""Bytes at the beginning of a file that tell what it is."""
+"""Bytes at the beginning of a file by which its kind is recognised."""
 MARK = "greybox-id"
-"""What every picture, report and vehicle file that is written here bears."""
+"""Mark in every figure, report and vehicle file that greybox-id writes."""
 VEHICLE_MARK = f"# Vehicle file written by {MARK}"
 PAGE_MARK = f"<!-- Page written by {MARK} -->"
 RECORDING = "data that may exist nowhere else"
@@ -31,11 +31,11 @@ _FORMAT = re.compile(rb'\A\s*\{\s*"format":\s*"greybox-(\w+)"')
 
 @dataclass(frozen=True)
 class FileContent:
-    """What a file is.
+    """Kind of a file's content.
 
     Attributes
     ----------
-    words : "a fit of lateral".
+    words : as printed, such as "a fit of lateral".
     derived : whether a command made it from other files and can make it again.
     """
 
@@ -60,7 +60,7 @@ _current: ContextVar[_Guard | None] = ContextVar("guard", default=None)
 
 @contextmanager
 def guarding() -> Iterator[None]:
-    """Watch over what is read and written meanwhile, as one command does."""
+    """Protect files within the context, which is one command."""
     token = _current.set(_Guard())
     try:
         yield
@@ -69,18 +69,18 @@ def guarding() -> Iterator[None]:
 
 
 def allow_overwriting() -> None:
-    """Let results of another kind be replaced; what is read never is."""
+    """Allow results of another kind to be replaced; files that the command reads remain protected."""
     guard = _current.get()
     if guard is not None:
         guard.overwrite = True
 
 
 def protect(path: str | Path) -> None:
-    """A file, or a folder with all that is in it, is read: it is not written over.
+    """Register a file, or a folder with all its files, as read: it must not be overwritten.
 
     Raises
     ------
-    BadInput : it was claimed as an output.
+    BadInput : the file was claimed as an output.
     """
     guard = _current.get()
     if guard is None:
@@ -97,18 +97,18 @@ def protect(path: str | Path) -> None:
 
 
 def claim(path: str | Path, option: str = "‹out›", becomes: str = "") -> Path:
-    """A file or folder is going to be written.
+    """Register a file or folder as an output.
 
     Parameters
     ----------
-    path : where.
-    option : the argument that names it, as sentences write it.
-    becomes : the words of the content it is going to have, where that is known: another one there is refused now
-        and not after long work.
+    path : of the output.
+    option : the argument that names the output, as printed in errors.
+    becomes : `FileContent.words` of the output, if known: an existing file of another kind is then refused before
+        long work, not after it.
 
     Raises
     ------
-    BadInput : it is read as well, another output has that place, or something of another kind is there.
+    BadInput : the file is also read, another output has the same path, or a file of another kind exists there.
     """
     target = Path(path)
     guard = _current.get()
@@ -126,7 +126,7 @@ def claim(path: str | Path, option: str = "‹out›", becomes: str = "") -> Pat
 
 
 def permit(new: Path, target: Path) -> None:
-    """Ask whether a file may take the place of what is there. Raises `BadInput` where it may not."""
+    """Raise `BadInput` if the file `new` must not replace the file `target`."""
     guard = _current.get()
     if guard is None:
         return
@@ -144,16 +144,16 @@ def permit(new: Path, target: Path) -> None:
 
 
 def permit_folder(folder: Path, there: str = "", becomes: str = "") -> None:
-    """Ask whether a whole folder may be replaced.
+    """Check whether a whole folder may be replaced.
 
     Parameters
     ----------
-    folder : which.
-    there, becomes : what it holds and what it is going to hold, in words.
+    folder : the folder.
+    there, becomes : its present and its new content, in words.
 
     Raises
     ------
-    BadInput : something in it is read, or it holds something else.
+    BadInput : the command reads a file in it, or the two contents differ.
     """
     guard = _current.get()
     if guard is None:
@@ -166,7 +166,7 @@ def permit_folder(folder: Path, there: str = "", becomes: str = "") -> None:
 
 
 def option_of(target: Path) -> str:
-    """The option that names a file, or the folder it lies in; "‹out›" where none was claimed."""
+    """The option that named a file or a folder above it; "‹out›" if none was claimed."""
     guard = _current.get()
     if guard is None:
         return "‹out›"
@@ -175,7 +175,7 @@ def option_of(target: Path) -> str:
 
 
 def content_of(file: Path) -> FileContent:
-    """What a file is, by how it begins. A file that cannot be read is nothing that may be replaced."""
+    """Kind of a file, by its first bytes. A file that cannot be read must not be replaced."""
     try:
         with file.open("rb") as opened:
             head = opened.read(HEAD)
@@ -203,7 +203,7 @@ def content_of(file: Path) -> FileContent:
 
 
 def _picture(file: Path, head: bytes) -> FileContent:
-    """A report or figure; derived where it bears the mark, in a PDF at its end."""
+    """A report or figure; derived if it contains `MARK`, in a PDF at its end."""
     with file.open("rb") as opened:
         opened.seek(-min(HEAD, file.stat().st_size), os.SEEK_END)
         tail = opened.read()
@@ -213,7 +213,7 @@ def _picture(file: Path, head: bytes) -> FileContent:
 
 
 def _measurements(file: Path, head: bytes) -> FileContent:
-    """A file of measurements; derived where it says at its beginning or end what we wrote to it."""
+    """A file of measurements; derived if greybox-id noted the content at its beginning or end."""
     with file.open("rb") as opened:
         opened.seek(-min(HEAD, file.stat().st_size), os.SEEK_END)
         about = _HOLDS.search(head + opened.read())
@@ -221,7 +221,7 @@ def _measurements(file: Path, head: bytes) -> FileContent:
 
 
 def _table(names: tuple[str, ...]) -> FileContent:
-    """A table; derived where its columns are those that a command writes."""
+    """A table; derived if its columns are those of a table that a command writes."""
     if set(names) - {"allowed_noise_alone"} == {"parameter", "value", "rise", "allowed"}:
         return FileContent("a table of profiles", derived=True)
     if {"time", "phase", "steer", "v_x_low", "v_x_high", "yaw_rate_low"} <= set(names):
@@ -270,11 +270,11 @@ def _of_another_kind(target: Path, there: FileContent, option: str) -> BadInput:
 
 
 def _spellings(path: Path) -> tuple[Path, ...]:
-    """A path as it is spelled and as it reads once folders that are not there have been made."""
+    """A path as written, and normalised: missing/../file can only be looked up once the folder "missing" exists."""
     return tuple(dict.fromkeys((path, Path(os.path.normpath(path)))))
 
 
 def _place(path: Path) -> Path:
-    """A path without links to folders; a link that is itself the last part is replaced, not followed."""
+    """Absolute path with links of folders resolved, but not a link in the last part: that is replaced, not followed."""
     whole = Path(os.path.abspath(path))
     return whole.parent.resolve() / whole.name

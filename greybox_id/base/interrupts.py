@@ -1,4 +1,4 @@
-"""Ctrl-C where Python or CasADi would swallow it: it comes again a moment later."""
+"""Ctrl-C where Python or CasADi would swallow it: the interrupt is raised again a moment later."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from types import FrameType
 from typing import Any
 
 SOON = 0.01
-"""Seconds after which an interrupt that would have been lost is tried again."""
+"""Seconds after which an interrupt that would have been lost is raised again."""
 
 
 def interrupt(frame: FrameType | None) -> None:
     """Raise `KeyboardInterrupt`, or do so a moment later where it would be lost.
 
-    Interrupts that reach Python while CasADi calls it, to convert arguments, or while an object is cleared away, are
-    swallowed there. While a solver of CasADi's runs they are taken for a wish to stop.
+    An exception raised while CasADi calls Python (to convert arguments) or in a `__del__` method is swallowed there.
+    While a CasADi solver runs, CasADi handles the interrupt itself and stops the solver.
 
     Parameters
     ----------
-    frame : where the signal came.
+    frame : stack frame in which the signal arrived.
     """
     if hasattr(signal, "setitimer") and _would_be_lost(frame):
         _interrupt_soon()
@@ -31,9 +31,9 @@ def interrupt(frame: FrameType | None) -> None:
 
 @contextmanager
 def interrupts_return() -> Iterator[None]:
-    """Meanwhile, an interrupt raised where exceptions end unheard comes again a moment later.
+    """Within the context, an interrupt raised where Python discards exceptions is raised again a moment later.
 
-    Such places are callbacks of weak references: the interpreter's imports have some.
+    Python discards exceptions in callbacks of weak references; the import system has some.
     """
     heard = sys.unraisablehook
 

@@ -1,8 +1,6 @@
-"""JSON that knows numbers which are not finite, and checksums of what it holds.
+"""JSON with non-finite numbers, and result files in JSON with format, version and checksum.
 
-Files of results: JSON that says what it is, in which version, and whether it is as it was written.
-
-Numbers and words only; nothing in such a file is executed.
+Such files hold numbers and texts only; nothing in them is executed.
 """
 
 from __future__ import annotations
@@ -23,11 +21,11 @@ from .guard import protect
 from .version import __version__
 
 NOT_FINITE = "not_finite"
-"""JSON has no word for numbers that are not finite; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
+"""JSON has no non-finite numbers; they are written as {"not_finite": "nan"}, "inf" or "-inf"."""
 
 
 def without_nan(value: Any) -> Any:
-    """Plain data in which numbers that are not finite are written out in words."""
+    """Plain data with non-finite numbers replaced by `NOT_FINITE` tables."""
     if isinstance(value, Mapping):
         return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -38,7 +36,7 @@ def without_nan(value: Any) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Plain data without numpy's own kinds of number."""
+    """Plain data with numpy scalars and arrays converted to Python's numbers and lists."""
     if isinstance(value, np.generic):
         return value.item()
     if isinstance(value, np.ndarray):
@@ -56,7 +54,7 @@ def attributes(of: object, *names: str) -> dict[str, Any]:
 
 
 def finite(value: Any) -> Any:
-    """Plain data as readers expect it who know nothing of NaN and infinities: they become null."""
+    """Plain data with NaN and infinities replaced by null, for readers of standard JSON."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):
@@ -73,7 +71,7 @@ def _with_nan(body: dict[str, Any]) -> Any:
 
 
 def read_json(file: Path) -> Any:
-    """What a file written with `without_nan` holds."""
+    """Plain data of a file written with `without_nan`."""
     try:
         return json.loads(file.read_text(encoding="utf-8"), object_hook=_with_nan)
     except OSError as error:
@@ -85,13 +83,13 @@ def read_json(file: Path) -> Any:
 
 
 def _begins(file: Path) -> bytes:
-    """The first character of a file that is no blank."""
+    """The first non-blank character of a file."""
     with file.open("rb") as stream:
         return stream.read(1000).lstrip()[:1]
 
 
 def checksum(body: Mapping[str, Any]) -> str:
-    """Hash of plain data, whatever the order of its keys."""
+    """Hash of plain data, independent of the order of keys."""
     plain = json.dumps(body, sort_keys=True, allow_nan=True, default=list)
     return hashlib.sha256(plain.encode()).hexdigest()
 
@@ -103,14 +101,14 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of result that is kept in a file.
+    """A kind of result that is saved to a file.
 
     Attributes
     ----------
-    format, version : what its files say they are; a file of another version is not read.
-    what : for people: "a fit".
-    command : what makes one.
-    again : what to do where a file cannot be used: "fit again".
+    format, version : stated in its files; a file of another version is not read.
+    what : its name in errors, such as "a fit".
+    command : the command that makes such a file.
+    again : advice if a file cannot be used, such as "fit again".
     """
 
     format: str
@@ -120,24 +118,24 @@ class Kind:
     again: str
 
     def text(self, body: Mapping[str, Any]) -> str:
-        """The text of a file of this kind that holds plain data."""
+        """Plain data as the text of a file of this kind."""
         whole = plain({FORMAT: self.format, VERSION: self.version, **body})
         whole[CHECKSUM] = checksum(whole)
         return json.dumps(without_nan(whole), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def load(self, path: str | Path, made: Callable[[dict[str, Any]], Found], *, going_on: bool = False) -> Found:
-        """What a file of this kind holds.
+        """Load a result of this kind from a file.
 
         Parameters
         ----------
         path : the file.
-        made : makes it of the plain data; `LookupError`, `ArithmeticError`, `TypeError`, `ValueError` and
-            `AttributeError` of it mean that the data are not those of such a file.
-        going_on : whether it is going to be replaced by what goes on from it.
+        made : builds the result from plain data; `LookupError`, `ArithmeticError`, `TypeError`, `ValueError` and
+            `AttributeError` raised by it are reported as a damaged file.
+        going_on : whether the command continues this result and replaces the file: it is then not protected.
 
         Raises
         ------
-        BadInput : the file is something else, is damaged, or was written by another version.
+        BadInput : the file is of another kind, damaged, or written by another version.
         """
         file = Path(path)
         if not going_on:
@@ -160,6 +158,6 @@ class Kind:
 
 
 def format_of(path: str | Path) -> str:
-    """What a file says that it is; "" where it says nothing. Raises `BadInput` where it is no JSON."""
+    """Format stated in a file; "" if none is stated. Raises `BadInput` if the file is not JSON."""
     body = read_json(Path(path))
     return str(body.get(FORMAT, "")) if isinstance(body, dict) else ""

@@ -1,4 +1,4 @@
-"""Functions in machine code, made by Numba when they are first called and kept on disk."""
+"""Functions in machine code, compiled by Numba on their first call and cached on disk."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 
 def compiled(function: AnyFunction) -> AnyFunction:
-    """The function in machine code, for others that are; division by zero is infinite, as in numpy."""
+    """The function compiled, to be called by other compiled functions; division by zero is infinite, as in numpy."""
     from numba import njit
 
     return cast(AnyFunction, njit(error_model="numpy")(function))
 
 
 def kept(function: AnyFunction) -> AnyFunction:
-    """The same, kept on disk: beside its file or, where nothing can be written, in the user's cache.
+    """The function compiled and cached on disk: next to its file or, if that is read-only, in the user's cache.
 
-    Everything the function calls is kept with it, so only the outermost one need be. Numba looks at the time of its
-    file alone: where it calls functions of other files, it must be made inside another function that takes a hash of
-    them, and mention that, for what is enclosed is part of the key.
+    The functions it calls are cached with it, so only the outermost one needs this. Numba compares the time stamp of
+    the function's file only. A function that calls functions of other files must therefore be defined in a function
+    that takes a hash of those files, and use that hash: enclosed variables are part of the cache's key.
     """
     from numba import njit
 
     try:
         return cast(AnyFunction, njit(error_model="numpy", cache=True)(function))
-    except RuntimeError:  # no folder to keep it in
+    except RuntimeError:  # no writable folder for the cache
         return compiled(function)
 
 
 def begun(function: Callable[..., Any]) -> Any:
-    """A kept function that Python calls, and no machine code: Ctrl-C ends it also while it is first compiled.
+    """A cached function to be called from Python, not from compiled code: Ctrl-C ends it also while it is compiled.
 
-    That takes ten seconds in a large function, and an interrupt meanwhile is late or lost; another process compiles it.
+    Compiling a large function takes ten seconds, in which an interrupt is late or lost: another process compiles it.
     """
-    inner: Any = None  # Numba takes as long to load as a small fit, and most who import this never call it
+    inner: Any = None  # compiled on the first call: loading Numba takes as long as a small fit, and is often not needed
 
     @wraps(function)
     def call(*arguments: Any) -> Any:
@@ -62,7 +62,7 @@ def _compile(function: Any, arguments: tuple[Any, ...]) -> None:
 
 
 def _is_to_be_kept(function: Any) -> bool:
-    """Whether it can be kept on disk and is not yet, in its file's present state."""
+    """Whether the function can be cached on disk and has not been since its file last changed."""
     folder, code = function.stats.cache_path, function.py_func.__code__
     if folder is None:
         return False

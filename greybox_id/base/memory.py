@@ -1,4 +1,4 @@
-"""What is freed goes back to the system."""
+"""Freed memory is returned to the system."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import sys
 MMAP_THRESHOLD = -3
 """`M_MMAP_THRESHOLD` of glibc's malloc.h."""
 LARGE = 1024 * 1024
-"""Bytes from which an allocation has pages of its own: a signal of 130 000 rows."""
+"""Size in bytes from which an allocation gets separate pages: a signal of 130 000 rows."""
 
 
 def give_back() -> None:
-    """Let large arrays have pages of their own, which go back when they are freed; elsewhere than on glibc nothing.
+    """Allocate large arrays in separate pages, which are returned when freed; no effect without glibc.
 
-    By itself glibc raises that threshold with what was freed, to 32 MB: of a recording of hours, columns and what was
-    parsed of its text then lie among small things, and what is freed between those stays with the process.
+    By default glibc raises this threshold with the size of freed blocks, up to 32 MB: columns of a recording of hours
+    and its parsed text then lie between small objects, and their memory stays with the process when they are freed.
     """
     if sys.platform.startswith("linux"):
         mallopt = getattr(ctypes.CDLL(None), "mallopt", None)

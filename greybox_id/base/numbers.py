@@ -1,4 +1,4 @@
-"""Numbers and names for people: as many digits as the uncertainty allows, units as they are printed."""
+"""Numbers, units and names as printed: with as many digits as the uncertainty allows."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from .signals import SIGNALS
 
 _RAISED = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 MOST_DIGITS = 7
-"""Significant digits at most, however small a standard deviation is said to be: no sensor tells more."""
+"""Largest number of significant digits, however small the standard deviation: no sensor resolves more."""
 SMALLEST, LARGEST = -3, 5
-"""Powers of ten between which numbers are written out."""
+"""Powers of ten between which numbers are written without an exponent."""
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit in pint's spelling as it is printed: m/s^2 as m/s², no unit as a dash."""
+    """A unit in pint's spelling as printed: m/s^2 as m/s², no unit as a dash."""
     return "–" if unit in ("", "1") else raised(unit)
 
 
 def raised(text: str) -> str:
-    """Whole powers as they are printed: r^2 as r²."""
+    """Integer powers as superscripts: r^2 as r²."""
     return re.sub(r"\^(-?\d+)", lambda match: match[1].translate(_RAISED), text)
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """A number of three digits, unless told otherwise, with its unit."""
+    """A number to `digits` significant digits, with its unit."""
     return with_unit(number(value, digits), unit)
 
 
 def with_unit(shown: str, unit: str) -> str:
-    """A number as it is printed, with its unit where it has one."""
+    """A printed number followed by its unit, if it has one."""
     return shown if unit in ("", "1") else f"{shown} {pretty_unit(unit)}"
 
 
@@ -41,7 +41,7 @@ def signed(value: float, digits: int = 3) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """A number with so many significant digits."""
+    """A number to `digits` significant digits."""
     if not math.isfinite(value):
         return "–" if math.isnan(value) else ("∞" if value > 0 else "−∞")
     if value == 0.0:
@@ -54,7 +54,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def exact(value: float, digits: int = 3) -> str:
-    """A number that is what it is, such as a factor between units: no zeros at the end of its decimals."""
+    """A number without trailing zeros, for exact values such as a factor between units."""
     shown, times, power = number(value, digits).partition("·")
     return (shown.rstrip("0").rstrip(".") if "." in shown else shown) + times + power
 
@@ -65,7 +65,7 @@ def rmse(value: float) -> str:
 
 
 def with_sd(value: float, sd: float, digits: int = 2) -> str:
-    """Estimate ± standard deviation, to so many digits of the latter."""
+    """Estimate ± standard deviation, to `digits` significant digits of the standard deviation."""
     if not (math.isfinite(value) and math.isfinite(sd) and sd > 0.0):
         return number(value)
     shown = together(value, sd, by=sd * 10 ** (2 - digits))
@@ -75,13 +75,13 @@ def with_sd(value: float, sd: float, digits: int = 2) -> str:
 
 
 def short_with_sd(value: float, sd: float) -> str:
-    """Value ± standard deviation to one digit of the latter, two where it begins with 1 or 2."""
+    """Value ± standard deviation to one significant digit of the latter, two if it begins with 1 or 2."""
     leading = sd / 10.0 ** _power(sd) if math.isfinite(sd) and sd > 0.0 else 1.0
     return with_sd(value, sd, 2 if leading < 3.0 else 1)
 
 
 def interval(low: float, high: float, sd: float) -> str:
-    """An interval, to two digits of the standard deviation it came from."""
+    """An interval, to two significant digits of its standard deviation."""
     if not (math.isfinite(sd) and sd > 0.0):
         return "–"
     shown = together(low, high, by=sd)
@@ -90,28 +90,28 @@ def interval(low: float, high: float, sd: float) -> str:
 
 
 def with_interval(value: float, low: float, high: float, sd: float) -> str:
-    """An estimate with its interval, to two digits of the standard deviation it came from."""
+    """An estimate with its interval, to two significant digits of its standard deviation."""
     if not (math.isfinite(sd) and sd > 0.0):
         return number(value)
     shown = together(value, low, high, by=sd)
     times = f"·10{_raised(shown.power)}" if shown.power else ""
-    if value != 0.0 and not any(digit in shown.words[0] for digit in "123456789"):  # such an interval is of a logarithm
+    if value != 0.0 and not any(digit in shown.words[0] for digit in "123456789"):  # rounds to 0: a log-scale interval
         return f"{number(value, 2)} [{number(low, 2)}, {number(high, 2)}]"
     return f"{shown.words[0]} [{shown.words[1]}, {shown.words[2]}]{times}"
 
 
 def between(value: float, low: float, high: float) -> str:
-    """An estimate with its 95 % interval, to two digits of the standard deviation that its width stands for."""
+    """An estimate with its 95 % interval, to two significant digits of a quarter of the interval's width."""
     return with_interval(value, low, high, (high - low) / 4.0)
 
 
-class together:  # noqa: N801 - reads as a word where it is used
-    """Numbers written with a common power of ten and common decimals.
+class together:  # noqa: N801 - called like a function
+    """Numbers written with a common power of ten and the same number of decimals.
 
     Attributes
     ----------
-    words : the numbers without their power.
-    power : of ten; 0 where they are written out.
+    words : the numbers without their power of ten.
+    power : of ten; 0 if they are written without an exponent.
     """
 
     def __init__(self, *values: float, by: float) -> None:
@@ -119,13 +119,13 @@ class together:  # noqa: N801 - reads as a word where it is used
         power = _power(largest)
         self.power = 0 if SMALLEST <= power < LARGEST else power
         most = MOST_DIGITS - 1 - (power - self.power)
-        decimals = min(1 - (_power(by) - self.power), most)  # negative where tens or hundreds are beyond what is known
+        decimals = min(1 - (_power(by) - self.power), most)  # negative: rounded to tens or hundreds
         shown = (round(value / 10.0**self.power, decimals) for value in values)
         self.words = tuple(_minus(f"{value:.{max(0, decimals)}f}") for value in shown)
 
 
 def alike(*values: float, by: float) -> tuple[str, ...]:
-    """Numbers of a row, all to two digits of a standard deviation and with one power of ten."""
+    """Numbers of a row with a common power of ten, to two significant digits of a standard deviation."""
     if not (all(map(math.isfinite, values)) and math.isfinite(by) and by > 0.0):
         return tuple(number(value) for value in values)
     shown = together(*values, by=by)
@@ -134,7 +134,7 @@ def alike(*values: float, by: float) -> tuple[str, ...]:
 
 
 def percent(share: float) -> str:
-    """A share in percent, to two digits."""
+    """A share in percent, to two significant digits."""
     if not math.isfinite(share):
         return "–"
     hundred = 100.0 * share
@@ -144,7 +144,7 @@ def percent(share: float) -> str:
 
 
 def whole_percent(share: float) -> str:
-    """A share in whole percent, without its sign of percent."""
+    """A share in whole percent, without the percent sign."""
     if not math.isfinite(share):
         return number(share)
     rounded = round(100 * share)
@@ -164,12 +164,12 @@ def the_recordings(names: Sequence[str], which: str = "") -> str:
 
 
 def quoted(names: Sequence[str]) -> list[str]:
-    """Names such as late or other in quotation marks, so that they do not read as words of the sentence."""
+    """Names in quotation marks, so that names such as late or other do not read as words of the sentence."""
     return [f"“{name}”" for name in names]
 
 
 def signal_words(name: str) -> str:
-    """A signal in prose: yaw rate for yaw_rate, a_x as its symbol."""
+    """A signal in prose: yaw rate for yaw_rate; a symbol such as a_x unchanged."""
     return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name
 
 
@@ -179,7 +179,7 @@ def capital(sentence: str) -> str:
 
 
 def counted(count: int, word: str, plural: str = "") -> str:
-    """A number with its noun: 1 run, 4 runs."""
+    """A count with its noun: 1 run, 4 runs."""
     return f"{count:,}".replace(",", " ") + " " + (word if count == 1 else plural or f"{word}s")
 
 
@@ -192,5 +192,5 @@ def _raised(power: int) -> str:
 
 
 def _minus(text: str) -> str:
-    """A true minus sign, and no negative zero."""
+    """A typographic minus sign instead of a hyphen, and no negative zero."""
     return re.sub(r"^-(?=[0.]*$)", "", text).replace("-", "−")

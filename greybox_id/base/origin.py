@@ -1,4 +1,4 @@
-"""Where equations come from that greybox-id does not ship: the file that defines them, and its checksum."""
+"""Origin of equations that greybox-id does not ship: the file that defines them, and its checksum."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from types import FunctionType
 
 PACKAGE = "greybox_id"
 DEEPEST = 4
-"""Functions inside functions (closures) are followed so far."""
+"""Nesting depth to which functions inside functions (closures) are followed."""
 
 
 @dataclass(frozen=True)
 class Origin:
-    """Where the equations of a model or an effect of one's own are defined.
+    """File in which the equations of a user's model or effect are defined.
 
     Attributes
     ----------
-    file : path of the file, from the working folder where it lies below it; "" for what was typed into a session.
-    sha256 : of the file, hexadecimal; "" where there is none.
+    file : path, relative to the working folder if the file lies below it; "" if typed into an interactive session.
+    sha256 : checksum of the file, hexadecimal; "" without a file.
     """
 
     file: str
@@ -29,14 +29,14 @@ class Origin:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """The origin as printed: path and abbreviated checksum."""
         return f"{self.file} (sha256 {self.sha256[:12]}...)" if self.file else "a session that is over"
 
 
 def origin_of(*functions: object) -> Origin | None:
-    """Where the first of these functions is defined that greybox-id does not ship; None where it ships them all.
+    """Origin of the first of these functions that greybox-id does not ship; None if it ships all of them.
 
-    Functions made by helpers of this package (such as `alteration`) hold the user's own in their closures.
+    Functions made by helpers of this package (such as `alteration`) hold the user's functions in their closures.
     """
     for function in functions:
         for item in _inside(function, DEEPEST):
@@ -46,7 +46,7 @@ def origin_of(*functions: object) -> Origin | None:
 
 
 def _inside(thing: object, depth: int) -> Iterator[FunctionType]:
-    """A function and those that it holds in its closure."""
+    """A function and the functions in its closure, recursively; of a mapping, those of its values."""
     if isinstance(thing, Mapping):
         for item in thing.values():
             yield from _inside(item, depth)

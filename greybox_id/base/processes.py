@@ -1,7 +1,7 @@
-"""The same work on many things, in processes side by side.
+"""The same work on many items in parallel processes.
 
-Processes are forked: they begin with all that this one holds (models are functions, which cannot be sent), and send
-back plain results. Where a system does not fork safely, work is done here, one thing after the other.
+Processes are forked: they inherit all objects of this one (models are functions, which cannot be pickled), and return
+plain results. On systems that do not fork safely, this process does the work, one item after the other.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 from .errors import GreyboxError
 from .interrupts import interrupt, interrupts_return
 
-if TYPE_CHECKING:  # who forks nothing waits for none of this: a fifth of what greybox --help takes
+if TYPE_CHECKING:  # imported only when needed: it would be a fifth of the time of greybox --help
     from concurrent.futures import Future, ProcessPoolExecutor
 
 Result = TypeVar("Result")
 FORKS = sys.platform.startswith("linux")
-"""Whether processes can be forked; elsewhere libraries of the system forbid it."""
+"""Whether processes can be forked: system libraries of other platforms forbid it."""
 
 INTERRUPTS = (signal.SIGINT, signal.SIGALRM) if FORKS else ()
-"""What Ctrl-C sends, at first and where it would have been lost."""
+"""Signals of Ctrl-C: the first one, and that of a repeated interrupt (see `interrupts`)."""
 
 _child: dict[str, Any] = {"work": None, "working": False, "stopped": False}
-"""What a forked process does, whether it is at it, and whether it is to begin nothing more."""
+"""State of a forked process: its work, whether it is doing an item, and whether it must not begin another one."""
 
 
 @dataclass
 class Done(Generic[Result]):
-    """What was done.
+    """Results of the items done.
 
     Attributes
     ----------
-    by_number : number -> result.
-    interrupted : whether Ctrl-C ended it before everything was done.
-    cpu_seconds : of other processes.
+    by_number : number of the item -> result.
+    interrupted : whether Ctrl-C ended the work before all items were done.
+    cpu_seconds : CPU time of the other processes.
     """
 
     by_number: dict[int, Result] = field(default_factory=dict)
@@ -51,33 +51,33 @@ class Done(Generic[Result]):
 
     @property
     def results(self) -> list[Result]:
-        """Results in the order of their numbers."""
+        """Results in the order of the items."""
         return [self.by_number[number] for number in sorted(self.by_number)]
 
 
 def apart(count: int, jobs: int) -> bool:
-    """Whether so many pieces of work are done in other processes."""
+    """Whether `count` items are done in other processes."""
     return FORKS and min(count, jobs) > 1
 
 
 def side_by_side(
     work: Callable[[int], Result], count: int, jobs: int, report: Callable[[int, Result], bool] | None = None
 ) -> Done[Result]:
-    """Do the same work for every number from 0.
+    """Do the same work for items 0 to count - 1.
 
-    Ctrl-C reaches those at work as KeyboardInterrupt, once; what they then hand in is kept.
+    Ctrl-C raises KeyboardInterrupt once in each working process; results that these then return are kept.
 
     Parameters
     ----------
-    work : number -> result, which is sent between processes where they are `apart`; there it is to print nothing.
-    count : of numbers.
-    jobs : processes at a time; 1 does everything here, in order.
-    report : is handed every result as it comes; False ends it.
+    work : number of the item -> result, pickled if the items are `apart`; it must then print nothing.
+    count : number of items.
+    jobs : number of parallel processes; with 1, this process does all items in order.
+    report : called with every number and result as it arrives; returning False ends the work.
 
     Raises
     ------
-    KeyboardInterrupt : before anything was done.
-    GreyboxError : one of the processes was ended from outside.
+    KeyboardInterrupt : interrupted before any item was done.
+    GreyboxError : one of the processes was killed from outside.
     """
     done: Done[Result] = Done()
     if apart(count, jobs):
@@ -90,14 +90,14 @@ def side_by_side(
 
 
 def elsewhere(work: Callable[[], Result]) -> Result:
-    """The result of some work, done by a process of its own that Ctrl-C ends at once, whatever library is at work.
+    """The result of work done in a forked process, which Ctrl-C ends at once, whatever library is running.
 
-    In threads beside the main one, which Ctrl-C does not reach, it is done here: a lock of a library that another
-    thread holds while a process is forked stays locked in that process for ever.
+    In threads other than the main one, which Ctrl-C does not reach, the work is done without forking: a library's lock
+    that another thread holds during the fork would remain locked in the child for ever.
 
     Parameters
     ----------
-    work : its result, or the exception it ends with, is sent between processes.
+    work : its result, or the exception it raises, is pickled.
     """
     if not FORKS or threading.current_thread() is not threading.main_thread():
         return work()
@@ -118,14 +118,14 @@ def elsewhere(work: Callable[[], Result]) -> Result:
         os.waitpid(child, 0)
     if not handed:  # it was killed
         return work()
-    done, result = pickle.loads(handed)  # of this process's own child, through a pipe nobody else has
+    done, result = pickle.loads(handed)  # safe: from this process's child, through a private pipe
     if not done:
         raise result
     return cast(Result, result)
 
 
 def _hand_in(work: Callable[[], Any], writing: int) -> None:
-    """Do the work in a process of its own, and end it."""
+    """In the forked process: do the work, send its result and exit."""
     import pickle
 
     try:
@@ -194,8 +194,8 @@ def _forked(
 
 @contextmanager
 def _waiting() -> Iterator[None]:
-    """Meanwhile, interrupts wait: one that came between fork and list would leave a process nobody knows of."""
-    if threading.current_thread() is not threading.main_thread():  # it gets none
+    """Defer interrupts within the context: one between fork and registration would leave an unregistered process."""
+    if threading.current_thread() is not threading.main_thread():  # other threads receive no signals
         yield
         return
     came: list[int] = []
@@ -216,7 +216,7 @@ def _take(done: Done[Result], number: int, future: Future[tuple[Result, float]])
 
 
 def _stop(pool: ProcessPoolExecutor) -> None:
-    """Begin nothing more, and interrupt those at work."""
+    """Begin no further item, and interrupt the working processes."""
     from multiprocessing import active_children
 
     pool.shutdown(wait=False, cancel_futures=True)
@@ -226,8 +226,8 @@ def _stop(pool: ProcessPoolExecutor) -> None:
 
 def _begin(work: Callable[[int], Any]) -> None:
     _child["work"] = work
-    os.environ["GREYBOX_THREADS"] = "1"  # others work beside
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to everyone; the one who began passes it on
+    os.environ["GREYBOX_THREADS"] = "1"  # the processes already use the cores
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all processes; the parent passes it on
     signal.signal(signal.SIGUSR1, _interrupted)
 
 
@@ -242,24 +242,24 @@ def _interrupted(number: int, frame: FrameType | None) -> None:
 def _do(number: int) -> tuple[Any, float]:
     clock = time.process_time()
     try:
-        _child["working"] = True  # from here on an interrupt is raised; one that came before was noted
-        if _child["stopped"]:  # what was handed out already cannot be taken back
+        _child["working"] = True  # from here on interrupts are raised; an earlier one has set "stopped"
+        if _child["stopped"]:  # items already queued in this process cannot be cancelled
             raise KeyboardInterrupt
         with interrupts_return():
             return _child["work"](number), time.process_time() - clock
     finally:
         _child["working"] = False
-        signal.setitimer(signal.ITIMER_REAL, 0.0)  # what was to be interrupted has ended
+        signal.setitimer(signal.ITIMER_REAL, 0.0)  # cancel a repeated interrupt: its item has ended
 
 
 class Pace:
-    """How long a number of like pieces of work are still going to take, by those that are done."""
+    """Remaining time of a number of similar items, extrapolated from those done."""
 
     def __init__(self, pieces: int) -> None:
         self._pieces, self._began = pieces, time.monotonic()
 
     def left(self, done: int) -> str:
-        """In words, with a comma before them; empty where nothing is known yet."""
+        """The remaining time in words, after a comma; empty before the first and after the last item."""
         if not 0 < done < self._pieces:
             return ""
         seconds = (time.monotonic() - self._began) / done * (self._pieces - done)

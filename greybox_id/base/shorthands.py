@@ -9,4 +9,4 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Say = Callable[[str], None]
-"""Told, line by line, what is going on; `fitting.how.Say` tells lines that pass from lines that stay."""
+"""Called with each line about progress; `fitting.how.Say` distinguishes passing lines from lasting ones."""

@@ -1,4 +1,4 @@
-"""The names of measured signals, their SI units and how they behave when left and right are swapped.
+"""Names of measured signals, their SI units and whether they change sign when left and right are swapped.
 
 ISO 8855 axes: x forward, y left, z up; yaw and steer positive to the left. `a_x` and `a_y` are what an
 accelerometer at the centre of gravity reads (specific force); on a flat road a_y = dv_y/dt + yaw_rate v_x.
@@ -13,10 +13,10 @@ class Signal:
 
     Attributes
     ----------
-    name : the project's name for it.
+    name : of the signal in recordings and models.
     unit : SI unit in pint's spelling; recordings hold nothing else.
     about : meaning, for people.
-    mirrors : whether the sign changes when the vehicle is seen in a mirror along its x axis.
+    mirrors : whether the sign changes under reflection in the vehicle's x-z plane.
     """
 
     name: str
@@ -60,17 +60,17 @@ SIGNALS: dict[str, Signal] = {
 }
 
 COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd", "throttle", "brake")
-"""What a driver or a controller asks for: it may rightly stay constant, rest at zero, stop at an end or be held."""
+"""Commands of a driver or controller: they may be constant, zero, saturated or held without a fault."""
 DRIVE_SIGNALS = ("drive_force", "ax_cmd", "motor_current", "throttle")
-"""What the drive may be recorded as; the first that is there counts."""
+"""Signals that may describe the drive; the first one recorded is used."""
 SD = "sd_"
-"""What the name of a signal's standard deviation begins with, where it is known row by row."""
+"""Prefix of the column with a signal's standard deviation row by row."""
 ANGLES_AROUND = ("yaw",)
-"""Angles that begin anew after a full turn."""
+"""Angles that wrap after a full turn."""
 
 
 def unit_of(name: str, otherwise: str = "1") -> str:
-    """SI unit of a signal; `otherwise` where the name is none of `SIGNALS`."""
+    """SI unit of a signal; `otherwise` if the name is not in `SIGNALS`."""
     return SIGNALS[name].unit if name in SIGNALS else otherwise
 
 
@@ -78,9 +78,9 @@ QUANTITIES = {
     "F": "N", "M": "N m", "a": "m/s^2", "gravity": "m/s^2", "alpha": "rad", "peak": "N", "drive": "N",
     "inertial": "kg", "yaw": "rad/s",
 }  # fmt: skip
-"""First word of a quantity's symbol -> its SI unit: F_yf is a force, alpha_r an angle; others are shares."""
+"""First part of a quantity's symbol -> SI unit: F_yf is a force, alpha_r an angle; others are dimensionless."""
 
 
 def unit_of_quantity(name: str) -> str:
-    """SI unit of a quantity on the way from states to derivatives, which its symbol tells."""
+    """SI unit of an intermediate quantity of the equations, by its symbol."""
     return SIGNALS[name].unit if name in SIGNALS else QUANTITIES.get(name.partition("_")[0], "1")

@@ -1,6 +1,6 @@
-"""Series of numbers: spectra, correlations, how long these last, moving filters, intervals by drawing blocks of rows.
+"""Statistics of series: spectra, correlations and their times, moving filters, block bootstrap, cubic splines.
 
-In numpy alone: SciPy has filters and spectra too, but loading them takes longer than reading and checking most files.
+In numpy alone: SciPy has most of these, but takes longer to load than most files to read and check.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ import numpy as np
 from .shorthands import Array
 
 NORMAL = 1.959964
-"""Half of a 95 % interval, in standard deviations of a normal distribution."""
+"""Half-width of a 95 % interval of a normal distribution, in standard deviations."""
 MIDDLE_HALF = 1.4826
-"""A normal distribution's standard deviation over the median of its size."""
+"""Standard deviation of a zero-mean normal variable over the median of its absolute value."""
 
 
 def robust_sd(values: Array) -> float:
-    """Standard deviation of normal numbers about zero, by the median of their sizes: outliers hardly count."""
+    """Standard deviation about zero from the median absolute value: robust against outliers."""
     return MIDDLE_HALF * float(np.median(np.abs(values)))
 
 
 def white_noise_sd(parts: Sequence[Array], *, held: bool = False) -> float:
-    """Standard deviation of the white noise of readings, by how far they are from the line between their neighbours.
+    """Standard deviation of white measurement noise, from the second differences of the readings.
 
     Parameters
     ----------
-    parts : unbroken series, (n,) each, NaN where nothing was read.
-    held : whether readings stay where they are between updates: rows on such lines then do not count.
+    parts : contiguous series, (n,) each, NaN where there is no reading.
+    held : whether the sensor repeats its last reading between updates: second differences of zero are then ignored.
 
     Returns
     -------
-    NaN where no row has both neighbours.
+    NaN if no reading has both neighbours.
     """
     bends = np.concatenate([np.diff(part, 2) for part in parts]) if len(parts) else np.empty(0)
     bends = bends[np.isfinite(bends) & (bends != 0 if held else True)]
@@ -41,7 +41,7 @@ def white_noise_sd(parts: Sequence[Array], *, held: bool = False) -> float:
 
 
 def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
-    """Welch's power spectral density: Hamming windows of `length` samples overlapping by half, each without its mean.
+    """Welch's power spectral density: Hamming windows of `length` samples overlapping by half, each less its mean.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     -------
     Frequencies, Hz, and the one-sided density, per Hz.
     """
-    # scipy.signal has the same and takes as long to load as a case to diagnose
+    # not scipy.signal.welch: SciPy takes too long to load
     window = 0.54 - 0.46 * np.cos(2.0 * np.pi * np.arange(length) / length)
     pieces = np.lib.stride_tricks.sliding_window_view(values, length)[:: length - length // 2]
     spectra = np.fft.rfft((pieces - np.mean(pieces, axis=1, keepdims=True)) * window)
@@ -62,7 +62,7 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
 
 
 def detrended(values: Array) -> Array:
-    """A series without its straight line of least squares."""
+    """A series less its least-squares straight line."""
     if len(values) < 2:
         return np.zeros(len(values))
     along = np.arange(len(values)) - 0.5 * (len(values) - 1)
@@ -70,11 +70,11 @@ def detrended(values: Array) -> Array:
 
 
 def correlation(parts: Sequence[tuple[Array, Array]], most: int) -> Array:
-    """Correlations of two signals over several unbroken stretches at lags 0 to `most` samples of the first.
+    """Cross-correlation of two signals over several contiguous stretches at lags 0 to `most` samples.
 
     Parameters
     ----------
-    parts : pairs of equally long stretches (a, b); means are those of all stretches together.
+    parts : pairs of equally long stretches (a, b); each signal's mean over all stretches is subtracted.
 
     Returns
     -------
@@ -93,14 +93,15 @@ def correlation(parts: Sequence[tuple[Array, Array]], most: int) -> Array:
 
 
 def correlation_time(residuals: Array) -> float:
-    """Integrated autocorrelation time of residuals, rows: 1 + 2 sum of autocorrelations, the longest of all outputs.
+    """Integrated autocorrelation time of residuals in rows: 1 + 2 sum of autocorrelations, the longest of all outputs.
 
-    Residuals average over so many rows as if they were one. The sum ends at five times itself (Sokal, Monte Carlo
-    methods in statistical mechanics, 1997). About zero, not about their mean: a lasting offset is correlation too.
+    n rows carry the information of n / time independent ones. The sum is truncated at five times its value (Sokal,
+    Monte Carlo methods in statistical mechanics, 1997). Autocorrelations are about zero, not about the mean, because
+    a constant offset is correlation too.
 
     Parameters
     ----------
-    residuals : (rows, outputs), zero where there was no reading.
+    residuals : (rows, outputs), zero where there is no reading.
     """
     rows = len(residuals)
     share = np.count_nonzero(residuals, axis=0) / max(1, rows)
@@ -120,12 +121,12 @@ def correlation_time(residuals: Array) -> float:
 
 
 FIRST_LAGS, MORE_LAGS = 4096, 8
-"""Lags over which products are summed at first, and times so many more until their sum ends: a day of readings then
+"""Number of lags tried first, and factor by which it grows until the sum can be truncated: a day of readings then
 takes no more memory than a minute."""
 
 
 def _products(values: Array, lags: int) -> Array:
-    """(lags,) sums of the products of a series, (n,), with itself so many rows later, part by part."""
+    """(lags,) unnormalised autocorrelation of a series (n,), computed block by block."""
     size = 1 << (4 * lags - 1).bit_length()
     result, step = np.zeros(lags), size - lags
     for first in range(0, len(values), step):
@@ -136,17 +137,17 @@ def _products(values: Array, lags: int) -> Array:
 
 
 def resampled(sums: Array, of: Callable[[Array], Any], draws: int) -> Array:
-    """The ends of a 95 % interval by drawing blocks with replacement (Kunsch, Annals of Statistics 17, 1989).
+    """95 % interval by the block bootstrap (Kunsch, Annals of Statistics 17, 1989).
 
     Parameters
     ----------
     sums : (blocks, columns) sums over the rows of each block.
-    of : sums of a draw, (columns,) -> what the interval is of.
-    draws : how many; the same every time.
+    of : total sums of a draw, (columns,) -> the statistic.
+    draws : number of bootstrap draws, with a fixed random seed.
 
     Returns
     -------
-    (2, ...) low and high.
+    (2, ...) lower and upper ends.
     """
     rng = np.random.default_rng(0)
     drawn = [of(np.sum(sums[rng.integers(len(sums), size=len(sums))], axis=0)) for _ in range(draws)]
@@ -154,24 +155,24 @@ def resampled(sums: Array, of: Callable[[Array], Any], draws: int) -> Array:
 
 
 REACH = 4.0
-"""Standard deviations after which a Gaussian is nothing."""
+"""Standard deviations at which the Gaussian kernel is truncated."""
 
 
 def moving_mean(values: Array, width: int) -> Array:
-    """(n,) mean of `width` values about each, an odd number; the series is mirrored at its ends."""
+    """(n,) centred moving mean over `width` values, an odd number; the series is mirrored at its ends."""
     mirrored = np.pad(values, width // 2, mode="symmetric")
     return np.convolve(mirrored, np.full(width, 1.0 / width), mode="valid")
 
 
 def smoothed(values: Array, sd: float) -> Array:
-    """(n,) values under a Gaussian of so many rows' standard deviation; the series is mirrored at its ends."""
+    """(n,) values smoothed by a Gaussian kernel of `sd` rows; the series is mirrored at its ends."""
     reach = int(REACH * sd + 0.5)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sd) ** 2)
     return np.convolve(np.pad(values, reach, mode="symmetric"), weights / np.sum(weights), mode="valid")
 
 
 def moving_maximum(values: Array, width: int) -> Array:
-    """(n,) greatest of `width` values about each, an odd number; beyond the ends there are none."""
+    """(n,) centred moving maximum over `width` values, an odd number; fewer at the ends."""
     result, size = np.pad(values, width // 2, constant_values=-np.inf), 1
     while 2 * size <= width:
         result, size = np.maximum(result[:-size], result[size:]), 2 * size
@@ -180,7 +181,7 @@ def moving_maximum(values: Array, width: int) -> Array:
 
 
 def median_of_five(values: Array) -> Array:
-    """(n,) median of five values about each; the series is mirrored at its first and its last value."""
+    """(n,) centred moving median of five values; the series is mirrored at its first and its last value."""
     padded, count = np.pad(values, 2, mode="reflect"), len(values)
     a, b, c, d, e = (padded[k : k + count] for k in range(5))
     low, high = np.maximum(np.minimum(a, b), np.minimum(c, d)), np.minimum(np.maximum(a, b), np.maximum(c, d))
@@ -189,11 +190,11 @@ def median_of_five(values: Array) -> Array:
 
 
 class CubicSpline:
-    """The cubic spline through equally spaced values, read at places that are equally spaced as well.
+    """Interpolating cubic spline through equally spaced values, evaluated at equally spaced places.
 
-    Its coefficients are the values' convolution with the kernel that undoes the weights 1/6, 4/6, 1/6, which falls by
-    2 - sqrt(3) with each row; the series goes on turned about its ends. Source: Unser, Splines: a perfect fit for
-    signal and image processing, IEEE Signal Processing Magazine 16 (1999).
+    Its coefficients are the values convolved with the inverse of the B-spline weights 1/6, 4/6, 1/6, a kernel that
+    decays by 2 - sqrt(3) per row; the series is continued by point reflection at its ends. Source: Unser, Splines: a
+    perfect fit for signal and image processing, IEEE Signal Processing Magazine 16 (1999).
     """
 
     def __init__(self, values: Array) -> None:
@@ -204,7 +205,7 @@ class CubicSpline:
         self._coefficients = np.convolve(turned, kernel, mode="valid")
 
     def shifted(self, first: int, count: int, by: float) -> Array:
-        """(count,) values at first + by, first + 1 + by, ...; within the series, or a row beyond."""
+        """(count,) values at rows first + by, first + 1 + by, ...; at most one row beyond the ends of the series."""
         whole = int(np.floor(by))
         t = by - whole
         weights = np.array([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6.0
@@ -214,4 +215,4 @@ class CubicSpline:
 
 
 PREFILTER = 28
-"""Rows after which the kernel of a spline's coefficients is 1e-16."""
+"""Rows after which the kernel of the spline's coefficients has decayed to 1e-16."""

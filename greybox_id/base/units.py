@@ -1,7 +1,7 @@
-"""Units of files, converted to SI at the door.
+"""Units of files, converted to SI when read.
 
 Only plain products of named units are understood (`m/s^2`, `deg/s`, `kg m^2`): anything longer is more often a
-slip of the pen than a unit.
+typing error than a unit.
 
 Numbers with or without a unit and a standard deviation: 3.5, "3.5 kg", (6, 3), "31±3 ms".
 """
@@ -40,8 +40,8 @@ class Conversion:
 
     Attributes
     ----------
-    unit : the SI unit arrived at, in pint's spelling.
-    factor, offset : of the conversion; offset is zero but for temperatures.
+    unit : the SI unit, in pint's spelling.
+    factor, offset : of the conversion; the offset is zero except for temperatures.
     """
 
     unit: str
@@ -54,14 +54,14 @@ DEGREES_AND_MINUTES = "DDMM"
 
 
 def degrees_of(values: Array) -> Array:
-    """Degrees (n,) of values in DDMM."""
+    """Values in DDMM (n,) converted to degrees (n,)."""
     whole = np.trunc(values / 100)
     return np.asarray(whole + (values - 100 * whole) / 60)
 
 
 @functools.cache
 def _registry() -> pint.UnitRegistry[Any]:
-    # Loaded and made on first use: that takes longer than reading most files.
+    # Imported and built on first use: this takes longer than reading most files.
     import pint
 
     return pint.UnitRegistry(cache_folder=None)
@@ -101,7 +101,7 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     spelled = "deg" if unit == DEGREES_AND_MINUTES else unit.translate(_SUPERSCRIPTS).strip()
     if spelled in ("g", "mg") and target == "m/s^2":
         spelled = f"{spelled}_0"  # to pint a plain g is a gram
-    if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that
+    if spelled == target or (target is None and spelled in _COHERENT):  # most files: no need for pint's registry
         return Conversion(spelled, 1.0)
     if target is not None and (plain := _plain_factor(spelled, target)) is not None:
         return Conversion(target, plain)
@@ -124,17 +124,17 @@ _COMMON: dict[str, tuple[float, str]] = {
     "rpm": (math.tau / 60.0, "rad s^-1"), "N": (1.0, "kg m s^-2"), "kN": (1e3, "kg m s^-2"), "A": (1.0, "A"),
     "Hz": (1.0, "s^-1"), "V": (1.0, "kg m^2 s^-3 A^-1"), "W": (1.0, "kg m^2 s^-3"), "kW": (1e3, "kg m^2 s^-3"),
 }  # fmt: skip
-"""Units that most files are in, over SI: known without pint, which takes longer to load than such a file to read."""
+"""Common units: factor to SI, base units. They need no pint, which takes longer to load than most files to read."""
 
 
 def _plain_factor(unit: str, target: str) -> float | None:
-    """Factor to a target of the same kind, both products of common units; None where that is to be looked up."""
+    """Factor to a target of the same dimension if both are products of common units; None leaves it to pint."""
     (factor, powers), (over, entry) = _product(unit), _product(target)
     return factor / over if powers is not None and powers == entry else None
 
 
 def _product(unit: str) -> tuple[float, dict[str, int] | None]:
-    """Size over SI and powers of base units; no powers where not all of its units are common."""
+    """Factor to SI and powers of base units; None for the powers if one of the units is not common."""
     size, powers = 1.0, dict[str, int]()
     for sign, name, power in re.findall(r"([*/\s]*)([^\s*/^]+)(?:\s*(?:\^|\*\*)\s*(-?\d))?", unit):
         if name not in _COMMON:
@@ -160,12 +160,12 @@ SPELLINGS = {
     "V": "v volt volts", "A": "a amp amps", "N": "n newton", "kN": "kn_force", "Hz": "hz", "kg": "kg", "l": "l liter",
     "mbar": "mbar", "l/h": "l/h", "min": "min", "lambda": "lambda la", "ft": "ft feet", "kW": "kw", "hp": "hp bhp",
 }  # fmt: skip
-"""Unit -> how files write it, in lower case; "lambda" only tells a row of units, it converts to nothing."""
+"""Unit -> spellings in files, in lower case; "lambda" only helps to recognise a row of units and has no conversion."""
 _SPELLED = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings.split()}
 
 
 def known_unit(text: str) -> str:
-    """A unit that a file states, as a column map writes it; empty where it is none that files of vehicles hold."""
+    """A unit stated in a file, as a column map writes it; empty if it is none of `SPELLINGS`."""
     return _SPELLED.get(re.sub(r"\s+", "_", text.strip()).lower(), "")
 
 
@@ -173,7 +173,7 @@ BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
     "radian": "rad",
 }  # fmt: skip
-"""SI base units and the radian: pint's names and their signs."""
+"""SI base units and the radian: pint's name -> symbol."""
 _PRODUCT = re.compile(r"[A-Za-z0-9 /*^().·²³-]{1,40}")
 _SIGNS = frozenset(("kg", "m", "s", "A", "K", "rad", "N", "J", "W", "V", "Pa", "Hz", "deg"))
 
@@ -182,7 +182,7 @@ _SIGNS = frozenset(("kg", "m", "s", "A", "K", "rad", "N", "J", "W", "V", "Pa", "
 def si_exponents(unit: str) -> dict[str, int | float] | None:
     """A unit as powers of base units: "kg", "m", "s", "A", "K", "mol", "cd", "rad" -> exponent, and "factor" unless 1.
 
-    None for what is no such product, such as "N/unit".
+    None if the unit is not such a product, for example "N/unit".
     """
     known = all(word in _SIGNS for word in re.findall(r"[A-Za-z]+", unit))
     if not known or not _PRODUCT.fullmatch(unit) or re.search(r"\d\d", unit):
@@ -234,7 +234,7 @@ Quantity: TypeAlias = float | str
 
 @dataclass(frozen=True)
 class Belief:
-    """A number as written, in its SI unit: value, and standard deviation where one was written."""
+    """A number in its SI unit: value, and standard deviation if one was given."""
 
     value: float
     sd: float | None = None
@@ -246,12 +246,12 @@ def number(given: Quantity, unit: str, where: str) -> float:
     Parameters
     ----------
     given : 3.5, "3.5", "3.5kg", "30 ms".
-    unit : the SI unit of what it stands for, which a bare number is taken to be in.
-    where : what it stands for, for the sentence of an error.
+    unit : the SI unit of the quantity, assumed for a bare number.
+    where : the quantity's name in errors.
 
     Raises
     ------
-    BadInput : it is no number, or its unit measures something else.
+    BadInput : not a number, or a unit of another dimension.
     """
     if not isinstance(given, str):
         if isinstance(given, bool) or not isinstance(given, Real):
@@ -265,11 +265,11 @@ def number(given: Quantity, unit: str, where: str) -> float:
 def belief(given: Quantity | tuple[float, float], unit: str, where: str) -> Belief:
     """A number that may have a standard deviation: 6, (6, 3), "6", "6±3", "6+-3 1/rad", "6 +/- 3", "31±3 ms".
 
-    In a text the unit stands at the end, for both; where each has its own, both count.
+    In a text, a unit at the end holds for both numbers; each may also have a unit of its own.
 
     Raises
     ------
-    BadInput : one of the two is no number, a unit measures something else, or the standard deviation is not above zero.
+    BadInput : one of the two is not a number, a unit has another dimension, or the standard deviation is not positive.
     """
     if isinstance(given, Iterable) and not isinstance(given, str):
         try:
@@ -300,8 +300,8 @@ def pairs(written: Iterable[str], what: str, *, alone: bool = False) -> dict[str
     Parameters
     ----------
     written : texts.
-    what : what each is to be, for the sentence of an error.
-    alone : whether a NAME may stand without a value; its value is None.
+    what : the form expected of each text, for errors.
+    alone : whether a NAME without a value is allowed; its value is None.
 
     Raises
     ------
@@ -317,7 +317,7 @@ def pairs(written: Iterable[str], what: str, *, alone: bool = False) -> dict[str
 
 
 def _split(text: str, where: str) -> tuple[float, str]:
-    """The number, and the unit behind it."""
+    """A text split into the number and the unit after it."""
     result = _WRITTEN.fullmatch(text.replace("−", "-"))
     if result is None:
         raise BadInput(f"{where}: {text!r} is not a number; write 3.5 or, with a unit, 3.5kg.")
@@ -325,7 +325,7 @@ def _split(text: str, where: str) -> tuple[float, str]:
 
 
 def _conversion(written: str, unit: str, where: str) -> tuple[float, float]:
-    """Factor and offset to the SI unit."""
+    """Factor and offset from the written unit to the SI unit."""
     if not written or written == unit:
         return 1.0, 0.0
     try:

@@ -1,8 +1,8 @@
-"""What runs in a process of its own: an object whose methods answer questions, until nobody asks any more.
+"""The isolated process's side of `Contained`: it calls an object's methods on request until its input is closed.
 
-It imports nothing else of the package, since starting has to be quick.
+It imports nothing else of the package, so that it starts quickly.
 
-Messages over a pipe: a length, a JSON object, the bytes of an array. No pickle: senders may be out of their mind.
+Messages over a pipe: a length, a JSON object, the bytes of an array. No pickle: a sender may be corrupted.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 LENGTH = struct.Struct("<Q")
 KINDS = "iufbcSUmM"
-"""Kinds of arrays that are plain bytes."""
+"""numpy's dtype kinds that are plain bytes."""
 LONGEST = 2**25
-"""Bytes that a message without its array may have."""
+"""Limit on the bytes of a message without its array."""
 PIECE = 2**20
-"""Bytes taken at once."""
+"""Bytes read at a time."""
 
 
 def send(stream: IO[bytes], message: Mapping[str, Any], array: NDArray[Any] | None = None) -> None:
@@ -37,7 +37,7 @@ def send(stream: IO[bytes], message: Mapping[str, Any], array: NDArray[Any] | No
     Raises
     ------
     TypeError, ValueError
-        JSON does not hold the message, the array is of another kind, or there is too much: nothing has been sent.
+        The message is no JSON, the array is of another kind, or the message is too long; nothing has been sent then.
     """
     shape = None if array is None else {"dtype": array.dtype.str, "shape": array.shape}
     head = json.dumps({"message": message, "array": shape}).encode()
@@ -54,15 +54,15 @@ def receive(stream: IO[bytes], most: float) -> tuple[dict[str, Any], NDArray[Any
 
     Parameters
     ----------
-    stream : where it comes from.
-    most : bytes that the array may have.
+    stream : the pipe.
+    most : limit on the bytes of the array.
 
     Raises
     ------
     EOFError
         The stream ends.
     Exception
-        What comes is no message; which exception depends on what it is instead.
+        The bytes are not a message; the type of exception depends on them.
     """
     (length,) = LENGTH.unpack(_exactly(stream, LENGTH.size))
     if length > LONGEST:
@@ -97,20 +97,20 @@ def _fill(stream: IO[bytes], room: memoryview) -> None:
 
 
 def main() -> None:
-    """Answer questions about the object that the argument describes."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent tells of it
+    """Serve the object that the command-line argument describes."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the parent reports the interrupt
     questions, answers = os.fdopen(os.dup(0), "rb"), os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # libraries print where they like
+    os.dup2(2, 1)  # what libraries print to standard output must not mix with messages
     serve(json.loads(sys.argv[1]), questions, answers)
 
 
 def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWriter) -> None:
-    """Answer questions.
+    """Answer calls until the stream of questions ends.
 
     Parameters
     ----------
     begun : kind, given and limits, as `Contained` takes them.
-    questions, answers : where messages come from and go to.
+    questions, answers : streams of incoming and outgoing messages.
     """
     made: Any = None
     while True:
@@ -135,18 +135,18 @@ def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWri
             send(answers, {"failed": ("missing", error.name or str(error))})
         except MemoryError:
             send(answers, {"failed": ("memory", "")})
-        except Exception as error:  # readers of binary files fail over damage in ways nobody has listed
+        except Exception as error:  # damaged binary files make readers raise exceptions of any type
             send(answers, {"failed": ("failed", next(iter(str(error).splitlines()), "") or type(error).__name__)})
 
 
 def located(place: str) -> Any:
-    """What stands at module:name."""
+    """The object at module:name."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)
 
 
 def _told(answer: Generator[Any, None, Any], answers: BufferedWriter) -> Any:
-    """What a generator returns, after what it yields has been told."""
+    """Send every value that a generator yields, then return what the generator returns."""
     while True:
         try:
             send(answers, {"told": next(answer)})
@@ -155,7 +155,7 @@ def _told(answer: Generator[Any, None, Any], answers: BufferedWriter) -> Any:
 
 
 def limit(seconds: float, memory: int) -> None:
-    """Let this process have so much more of the processor's time and of memory, where the platform can say so."""
+    """Limit the further CPU time (s) and memory (bytes) of this process, on platforms that can."""
     if sys.platform == "win32":
         return
     import resource

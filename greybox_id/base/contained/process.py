@@ -1,4 +1,4 @@
-"""An object in a process of its own, whose methods are asked: what ends the process is told, and ends nothing else."""
+"""An object in an isolated process, whose methods are called through pipes: if it crashes, the caller gets an error."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from ..errors import GreyboxError
 from . import inside
 
 START = "import sys; sys.path[:] = {!r}; from greybox_id.base.contained.inside import main; main()"
-"""What a process runs: it finds modules where this one does, and imports no script of a user's."""
+"""Code that the process runs: it uses the module path of this one and does not import the user's script."""
 QUIET = dict.fromkeys(
     ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "GREYBOX_THREADS"), "1"
 )
-"""Processes run side by side, and one that forks has no threads of its own."""
+"""One thread for each library: processes run in parallel, and a process that forks must have no other threads."""
 TIME = "time"
-"""How a process ended that was not done in time."""
+"""Outcome of a process that exceeded its time."""
 
 
 class Broken(GreyboxError):
-    """No process can be started here, or not the work in it."""
+    """No process can be started, or the work cannot be begun in it."""
 
 
 class Failed(Exception):
-    """What was asked could not be done; the process lives on.
+    """The call failed; the process still runs.
 
     Attributes
     ----------
-    kind : "missing", a module is not installed; "memory", there was not enough; "failed", anything else.
+    kind : "missing" (a module is not installed), "memory" (not enough memory) or "failed" (any other error).
     """
 
     def __init__(self, kind: str, sentence: str) -> None:
@@ -50,7 +50,7 @@ class Lost(Exception):
 
     Attributes
     ----------
-    how : `TIME`, the name of the signal that ended it, "exit code 7", or "nonsense" where its answer was none.
+    how : `TIME`, the name of the signal that ended it, "exit code 7", or "nonsense" for an invalid answer.
     """
 
     def __init__(self, how: str) -> None:
@@ -59,15 +59,15 @@ class Lost(Exception):
 
 
 class Contained:
-    """An object in a process of its own, which lives as long as this one is remembered.
+    """An object in an isolated process, which ends when this handle is garbage-collected.
 
     Parameters
     ----------
     kind : class of the object, as module:class.
-    given : what it is made with: plain data.
-    limits : s of the processor's time and bytes of memory that it may take from when its module is imported.
-    environment : variables besides those of this process.
-    heard : whether what it prints is shown.
+    given : arguments of the class: plain data.
+    limits : CPU time in s and memory in bytes that it may use once its module is imported.
+    environment : environment variables, in addition to those of this process.
+    heard : whether its standard error is shown.
 
     Raises
     ------
@@ -86,33 +86,34 @@ class Contained:
                 stdout=subprocess.PIPE,
                 stderr=None if heard else subprocess.DEVNULL,
                 env={**os.environ, **QUIET, **(environment or {})},
-                start_new_session=True,  # Ctrl-C of a terminal is for who started it
+                start_new_session=True,  # a terminal's Ctrl-C reaches only the process that started this one
             )
         except OSError as error:
             raise Broken(f"no process can be started ({error.strerror})") from error
         self.close = weakref.finalize(self, _ended, self._process)
-        """End it at once, from any thread."""
+        """Kill the process; callable from any thread."""
 
     @property
     def alive(self) -> bool:
-        """Whether it can be asked."""
+        """Whether the process is running."""
         return self.close.alive and self._process.poll() is None
 
     def ask(
         self, question: str, *of: Any, patience: float, most: float = 0.0, hear: Callable[[Any], None] | None = None
     ) -> tuple[Any, NDArray[Any] | None]:
-        """What the object's method of that name returns: what JSON holds, or an array.
+        """Call a method of the object: what it returns is (plain data, None) or (None, array).
 
         Parameters
         ----------
-        patience : s by the clock after which the process is ended.
-        most : bytes that an array may have.
-        hear : is handed what the method yields, where it is a generator.
+        question, of : name of the method, and its arguments.
+        patience : wall-clock time in s after which the process is killed.
+        most : bytes that a returned array may have.
+        hear : called with each value that the method yields, if it is a generator.
 
         Raises
         ------
-        Failed : the object could not be made, or its method raised something.
-        Lost : the process ended, or was ended, before it answered.
+        Failed : the object could not be built, or its method raised an exception.
+        Lost : the process ended, or was killed, before it answered.
         """
         questions, answers = self._process.stdin, self._process.stdout
         assert questions is not None
@@ -125,7 +126,7 @@ class Contained:
             while "told" in (message := inside.receive(answers, most))[0]:
                 if hear is not None:
                     hear(message[0]["told"])
-        except Exception as error:  # nothing is known of what a process writes that is about to crash
+        except Exception as error:  # a crashing process may write anything
             late = watch.finished.is_set()
             raise Lost(TIME if late else self._end(isinstance(error, (EOFError, OSError)), patience)) from None
         except BaseException:
@@ -139,7 +140,7 @@ class Contained:
         return reply.get("answer"), array
 
     def _end(self, silent: bool, patience: float) -> str:
-        """How a process came to its end that answered nothing, or nonsense."""
+        """Outcome of a process that sent no answer (`silent`) or an invalid one."""
         if silent:
             with suppress(subprocess.TimeoutExpired):
                 self._process.wait(patience)
@@ -154,7 +155,7 @@ class Contained:
 
 
 def _ended(process: subprocess.Popen[bytes]) -> None:
-    """End a process and what it started."""
+    """Kill a process and its children."""
     with suppress(OSError):
         if sys.platform == "win32":
             process.kill()
@@ -163,5 +164,5 @@ def _ended(process: subprocess.Popen[bytes]) -> None:
     process.wait()
     for stream in (process.stdin, process.stdout):
         if stream is not None:
-            with suppress(OSError):  # what was not sent yet
+            with suppress(OSError):  # flushing data not yet sent
                 stream.close()

@@ -1,8 +1,8 @@
-"""Work in a process of its own: what it may take is limited, and what ends it ends nothing else.
+"""Units of work in isolated processes with limits of time and memory; a crash of one affects nothing else.
 
-A nursery is a process that has imported what work needs and does none itself: it forks a child for each unit, so that
-a unit costs no start of Python, finds nothing of the units before it, and may crash, hang or eat memory. It ends when
-whoever started it does, and so do its children. Where a system does not fork safely, a nursery is its own only child.
+A nursery is a process that imports the modules and forks a child for each unit of work. So a unit does not wait for
+Python to start, sees no state of earlier units, and may crash, hang or exhaust memory. A nursery and its children end
+with the process that started it. On systems that do not fork safely, the nursery does one unit itself and then ends.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from .inside import limit, located
 from .process import TIME, Broken, Contained, Failed, Lost
 
 Work: TypeAlias = Callable[[dict[str, Any], Callable[[dict[str, Any]], None]], None]
-"""Is handed a job and a function that takes what it tells."""
+"""Called with a job and a function that takes the unit's messages."""
 PATIENCE = 2.0
-"""How many times as long as of the processor's time a unit may take by the clock, since a machine may be busy."""
+"""Limit of wall-clock time over limit of CPU time of a unit, since the machine may be busy."""
 SLACK = 60.0
-"""s after which a nursery that should have answered is taken for dead."""
+"""s beyond a unit's wall-clock limit after which a silent nursery is assumed dead."""
 LOOK = 0.05
-"""s between looks at a child's memory."""
+"""s between checks of a child's memory."""
 RESERVED = 4.0
-"""How many times the memory that a unit may fill it may reserve: libraries reserve more than they use."""
+"""Limit of reserved (virtual) memory over limit of resident memory: libraries reserve more than they use."""
 ENDS = ("done", "time", "clock", "memory")
-"""How units end that are not tried again."""
+"""Outcomes after which a unit is not tried again."""
 TRIES = 3
-"""A child that something from outside ended is tried so often."""
+"""Attempts at a unit whose child was ended from outside."""
 PDEATHSIG = 1
 """PR_SET_PDEATHSIG of Linux."""
 
@@ -49,11 +49,11 @@ class Ended:
 
     Attributes
     ----------
-    messages : what it told, in order.
-    how : "done"; "time", "clock" or "memory", where a limit was met: of the processor's time, by the clock, of memory;
-        else the signal or error that ended it, in words.
-    cpu_seconds : of the processor, its own children included.
-    peak_mb : the most memory it held at a time, that of the imported modules included.
+    messages : the unit's messages, in order.
+    how : "done"; "time", "clock" or "memory" if the limit of CPU time, wall-clock time or memory was reached; else the
+        signal or error that ended it, in words.
+    cpu_seconds : CPU time, including the unit's child processes.
+    peak_mb : peak resident memory, MB, including the imported modules.
     """
 
     messages: list[dict[str, Any]] = field(default_factory=list)
@@ -63,11 +63,11 @@ class Ended:
 
 
 class Nursery:
-    """A nursery as seen by whoever has work for it; one unit at a time.
+    """Handle to a nursery; it does one unit at a time.
 
     Parameters
     ----------
-    environment : variables that units find besides those of this process.
+    environment : environment variables of units, in addition to those of this process.
     """
 
     def __init__(self, environment: Mapping[str, str] | None = None) -> None:
@@ -83,15 +83,15 @@ class Nursery:
 
         Parameters
         ----------
-        work : module:function; it is called with the job and a function that takes what it tells.
+        work : module:function, see `Work`.
         job : plain data.
-        seconds : of the processor's time; twice as many by the clock.
-        memory : bytes, beyond what the modules take.
-        listen : is handed what it tells as it does.
+        seconds : limit of CPU time; that of wall-clock time is twice as long.
+        memory : limit in bytes, beyond the memory of the imported modules.
+        listen : called with each message of the unit as it arrives.
 
         Raises
         ------
-        Broken : no nursery can be started, or units cannot be begun in it.
+        Broken : no nursery can be started, or it cannot begin units.
         """
         ended = Ended(how="was not begun")
         for _ in range(TRIES):
@@ -103,7 +103,7 @@ class Nursery:
         return ended
 
     def close(self) -> None:
-        """End it for good, and what it is at; from any thread."""
+        """End the nursery for good, with the unit that it is doing; callable from any thread."""
         self._over = True
         self._end()
 
@@ -124,7 +124,7 @@ class Nursery:
             if held is None or not held.alive:
                 self._end()
                 self._held = held = Contained("greybox_id.base.contained.units:Units", environment=self._environment)
-            if self._over:  # meanwhile
+            if self._over:  # closed by another thread meanwhile
                 held.close()
             end, _ = held.ask("unit", *unit, patience=PATIENCE * unit[2] + SLACK, hear=hear)
         except Lost as error:
@@ -138,15 +138,15 @@ class Nursery:
 
 
 class Units:
-    """What a nursery does, see `Nursery.unit`: yields what units tell, and returns the other attributes of `Ended`."""
+    """The nursery's side of `Nursery.unit`: yields a unit's messages and returns the other attributes of `Ended`."""
 
     def unit(self, work: str, job: dict[str, Any], seconds: float, memory: float) -> Generator[Any, None, Any]:
-        """A unit of work, in a child where processes can be forked."""
+        """Do a unit of work, in a forked child if the system forks safely."""
         return (_forked if FORKS else _here)(located(work), job, seconds, memory)
 
 
 def _here(work: Work, job: dict[str, Any], seconds: float, memory: float) -> Generator[Any, None, Any]:
-    """The unit in this very process, which ends after it."""
+    """Do the unit in this process, which ends afterwards."""
     messages: list[dict[str, Any]] = []
     began = time.process_time()
     limit(seconds, int(RESERVED * memory))
@@ -160,7 +160,7 @@ def _outcome(work: Work, job: dict[str, Any], tell: Callable[[dict[str, Any]], N
         work(job, tell)
     except MemoryError:
         return "memory"
-    except Exception as error:  # whatever a damaged file leads to is told of that file
+    except Exception as error:  # any error that a damaged file causes is reported for that file
         return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     return "done"
 
@@ -180,9 +180,9 @@ def _forked(work: Work, job: dict[str, Any], seconds: float, memory: float) -> G
     finally:
         os.close(reading)
         with suppress(ProcessLookupError):
-            os.killpg(child, signal.SIGKILL)  # what it started itself
+            os.killpg(child, signal.SIGKILL)  # processes that the child started
         _, status, used = os.wait4(child, 0)
-    for name in end.get("modules", ()):  # the next child finds them imported
+    for name in end.get("modules", ()):  # so that the next child need not import them
         with suppress(BaseException):
             import_module(name)
     how = end.get("how", "")
@@ -215,7 +215,7 @@ def _write(out: IO[bytes], message: dict[str, Any]) -> None:
 
 
 def _followed(child: int, reading: int, patience: float, memory: float) -> Generator[Any, None, dict[str, Any]]:
-    """What a child tells, until it ends or meets a limit; returns its last word, if there was one."""
+    """Yield a child's messages until it ends or reaches a limit; return its final message, or {} without one."""
     base, until = _resident("self"), time.monotonic() + patience
     ending, rest = os.pidfd_open(child), b""
     end: dict[str, Any] = {}
@@ -232,11 +232,11 @@ def _followed(child: int, reading: int, patience: float, memory: float) -> Gener
                         end = line
             elif ending in ready:
                 return end
-            elif 0 in ready:  # nobody asks any more
+            elif 0 in ready:  # standard input closed: the parent has ended
                 with suppress(ProcessLookupError):
                     os.killpg(child, signal.SIGKILL)
                 os._exit(0)
-            elif reading in ready:  # its last word is said
+            elif reading in ready:  # end of the pipe: the child has sent its final message
                 select.select([ending], [], [], max(0.0, until - time.monotonic()))
                 return end
             elif time.monotonic() > until:
@@ -248,7 +248,7 @@ def _followed(child: int, reading: int, patience: float, memory: float) -> Gener
 
 
 def _resident(process: str) -> float:
-    """Bytes of memory that a process holds."""
+    """Resident memory of a process in bytes."""
     try:
         return int(Path(f"/proc/{process}/statm").read_text().split()[1]) * float(os.sysconf("SC_PAGE_SIZE"))
     except (OSError, IndexError, ValueError):
