@@ -1,4 +1,4 @@
-"""What simulated readings are held against, lane by lane, and normal equations of what is left."""
+"""Targets of simulated readings, lane by lane, and the normal equations of the residuals."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from ..base.shorthands import Array
 
 HOURS = 1_000_000
-"""Readings of recordings of hours, of which nothing is laid out twice: an hour at 100 Hz with three outputs."""
+"""Readings processed at once, an hour at 100 Hz with three outputs: temporary arrays are no longer than this."""
 
 
 @dataclass(frozen=True)
 class Against:
-    """What the readings of lanes are held against.
+    """Targets that the readings of lanes are compared with.
 
     Attributes
     ----------
-    target : (L, R, ny) what should be read.
-    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
-    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
+    target : (L, R, ny) target of each reading.
+    weight : (L, R, ny) factor on each residual; zero drops it.
+    robust : Huber threshold, beyond which weighted residuals weigh less; None: least squares.
     """
 
     target: Array
@@ -29,8 +29,8 @@ class Against:
     robust: float | None = None
 
     def misfit(self, y: Array) -> float:
-        """Half the sum of squared residuals, those in the tails linear."""
-        if y.size > HOURS:  # of hours: what is on the way to one number is as long as they are
+        """Half the sum of squared residuals, linear beyond the Huber threshold."""
+        if y.size > HOURS:  # in parts, as temporary arrays would be as long as the recording
             read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
             parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
             return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
@@ -42,11 +42,11 @@ class Against:
             return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
 
     def weighted(self, y: Array) -> tuple[Array, Array]:
-        """Weighted residuals of readings and their weights, (L, R, ny) each."""
+        """Weighted residuals and their weights, (L, R, ny) each, both scaled down beyond the Huber threshold."""
         r = self._residuals(y)
         if self.robust is None:
             return r, self.weight
-        tail = np.abs(r)  # each step in its place: of hours, every further array is large
+        tail = np.abs(r)  # in place from here: for hours of data every further array is large
         np.maximum(tail, 1e-300, out=tail)
         np.divide(self.robust, tail, out=tail)
         np.minimum(1.0, tail, out=tail)
@@ -55,14 +55,14 @@ class Against:
         return r, np.multiply(self.weight, tail, out=tail)
 
     def _residuals(self, y: Array) -> Array:
-        """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""
+        """Weighted residuals, zero where the weight is zero; in a single array, which may be hours long."""
         r = np.subtract(y, self.target)
         r *= self.weight
         r[~(self.weight > 0.0)] = 0.0
         return r
 
     def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
-        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
+        """J'J and J'r of every lane, from stored derivatives, (L, R, ny, c)."""
         r, weight = self.weighted(y)
         J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
         along = J.swapaxes(1, 2)
@@ -71,7 +71,7 @@ class Against:
 
 
 def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
-    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
+    """Chain rule: derivatives by initial states and free parameters -> by the c unknowns, (L, ..., c)."""
     states = seed.shape[1]
     flat = free.reshape(len(free), -1, free.shape[-1])
     result: Array = flat[:, :, :states] @ seed
@@ -80,7 +80,7 @@ def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
 
 
 def square(packed: Array, count: int) -> Array:
-    """Symmetric matrices, of their lower triangles, which are packed row by row."""
+    """Symmetric matrices from their lower triangles, packed row by row."""
     if not packed.shape[1]:
         return np.empty((len(packed), 0, 0))
     row, column = np.tril_indices(count)

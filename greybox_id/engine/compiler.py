@@ -1,9 +1,9 @@
-"""C compiled with what compiler there is, each source once: shared libraries kept by content.
+"""C compiled with the machine's compiler, each source once: shared libraries cached by content.
 
-The compiler is $CC, else cc, gcc or clang. Libraries lie in the folder kernels of $GREYBOX_CACHE, else of the folder
-greybox-id in $XDG_CACHE_HOME or ~/.cache. That folder is of this user alone: what lies there is executed. Where it
-belongs to another one, or others can write to it, or it cannot be written to, a folder that goes with the process
-takes its place. A library's name ends in the checksum of its content; one that is not what its name says is made again.
+The compiler is $CC, else cc, gcc or clang. Libraries are in the folder kernels of $GREYBOX_CACHE, else of the folder
+greybox-id in $XDG_CACHE_HOME or ~/.cache. The folder must belong to this user alone, since its files are executed. If
+it belongs to another user, or others can write to it, or it is not writable, a temporary folder of the process replaces
+it. A library's name ends in the checksum of its content; a file that does not match its name is compiled again.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from ..base.files import cache_folder, scratch_folder
 from ..base.processes import elsewhere
 
 FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
-"""-O2 takes half as long again and gives nothing: the code is vectors already. No contraction of a b + c, which can
-make x x - y y negative where x = y. The last two flags leave infinities and NaN as they are."""
+"""-O2 takes half as long again and gains nothing: the code is already vectorised. No contraction of a b + c, which can
+make x x - y y negative where x = y. The last two flags preserve infinities and NaN."""
 
 MACHINES = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ("-mcpu=native",), ())
-"""Ways to ask for this machine's instructions; the first that a compiler understands is taken."""
+"""Flags for this machine's instructions; the first that the compiler accepts is used."""
 
 PROBE = "#include <math.h>\n"
 
 NOTICED = 1.0
-"""Seconds after which somebody who waits wonders what for (Nielsen, Usability Engineering, 1993, Sec. 5.5)."""
+"""Seconds after which a waiting user needs an explanation (Nielsen, Usability Engineering, 1993, Sec. 5.5)."""
 
 
 class CannotCompile(GreyboxError):
-    """There is no compiler, or it failed, or something there is no C for was asked of it."""
+    """No compiler, or it failed, or the model uses an operation without an equivalent in C."""
 
 
 class Compiler:
@@ -48,7 +48,7 @@ class Compiler:
 
     Attributes
     ----------
-    command : how it is called.
+    command : command line with flags.
     identity : all macros it defines: its version, the machine's instructions and the C library's version.
     """
 
@@ -66,21 +66,21 @@ class Compiler:
         raise CannotCompile(f"The C compiler {command[0]} does not work: {result.stderr.strip()}")
 
     def key(self, known_by: str) -> str:
-        """What a library is called: the same for the same source, compiler, flags and machine."""
+        """Name of a library: the same for the same source, compiler, flags and machine."""
         return hashlib.sha256("\0".join([known_by, *self.command, self.identity]).encode()).hexdigest()[:32]
 
     def compile(self, sources: Sequence[str], folder: Path, name: str) -> Path:
-        """Make a library of some files, beside its place first: another process may be making the same one.
+        """Compile a library in a scratch folder, then move it to its place: another process may be compiling it too.
 
         Parameters
         ----------
-        sources : texts of the files.
-        folder : where to.
-        name : how the library's name begins; the checksum of its content follows.
+        sources : texts of the C files.
+        folder : folder of the library.
+        name : beginning of the library's name; the checksum of its content follows.
 
         Raises
         ------
-        CannotCompile : the compiler failed, or nothing can be written there.
+        CannotCompile : the compiler failed, or the folder is not writable.
         """
         try:
             with scratch_folder(folder) as place:
@@ -89,7 +89,7 @@ class Compiler:
                 for text, source in zip(texts, sources, strict=True):
                     text.write_text(source, encoding="utf-8")
                 command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
-                value = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
+                value = {**os.environ, "TMPDIR": str(place)}  # files of an interrupted compiler vanish with the folder
                 failed, complaint = _run(command, value)
                 if failed:
                     raise CannotCompile(f"The C compiler {command[0]} failed: {complaint.strip()}")
@@ -102,7 +102,7 @@ class Compiler:
 
 
 def _run(command: Sequence[str], environment: Mapping[str, str]) -> tuple[int, str]:
-    """How a command ended and what it complained about; a wait that is noticed is explained, once for each process."""
+    """Exit code and error output of a command; a noticeable wait is explained, once per process."""
     with subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
     ) as working:
@@ -124,7 +124,7 @@ def compiler() -> Compiler:
 
 
 def compiler_command() -> tuple[str, ...]:
-    """How the C compiler of this machine is called. Raises `CannotCompile`."""
+    """Command of this machine's C compiler. Raises `CannotCompile`."""
     named = os.environ.get("CC")
     try:
         candidates = [tuple(shlex.split(named))] if named and named.strip() else [("cc",), ("gcc",), ("clang",)]
@@ -138,17 +138,17 @@ def compiler_command() -> tuple[str, ...]:
 
 
 def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
-    """The compiled sources, from the cache or made now.
+    """The library of the compiled sources, from the cache or compiled now.
 
     Parameters
     ----------
-    sources : writes the files it is made of; not asked for where the library is in the cache, as writing takes a second
-        for large models.
-    known_by : what they follow from.
+    sources : writes the C files; called only if the library is not cached, since writing takes a second for large
+        models.
+    known_by : text that determines the sources, for the cache key.
 
     Raises
     ------
-    CannotCompile : there is no compiler, or it failed, or what it made cannot be loaded.
+    CannotCompile : there is no compiler, or it failed, or the library cannot be loaded.
     """
     chosen = compiler()
     name = f"kernel-{chosen.key(known_by)}"
@@ -165,7 +165,7 @@ def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
 
 
 def tell_slow(what: str, times: str, error: CannotCompile) -> None:
-    """Say once for each process and reason that something runs without compiled code, and why."""
+    """Warn once per process and reason that something runs without compiled code, and why."""
     _told_once(
         f"{what} runs without compiled code, about {times} times slower. {error} Install a C compiler, or name it in "
         "CC. With GREYBOX_COMPILE=0 nothing is compiled, and this message is not printed."
@@ -183,7 +183,7 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
 
 
 def _found(folder: Path, name: str) -> Path | None:
-    """A library of this user whose content is what its name says; damaged ones are removed."""
+    """A library of this user whose content matches its name; damaged ones are removed."""
     for path in folder.glob(f"{name}-*.so"):
         with suppress(OSError):
             if not (stat.S_ISREG(path.lstat().st_mode) and _ours(path.lstat())):
@@ -200,7 +200,7 @@ def _checksum(path: Path) -> str:
 
 
 def _ours(known: os.stat_result) -> bool:
-    """Whether nobody else can change a file or folder; a link is none."""
+    """Whether nobody else can change this file or folder; a symbolic link does not count."""
     if not hasattr(os, "geteuid"):
         return True
     alone = not known.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -208,7 +208,7 @@ def _ours(known: os.stat_result) -> bool:
 
 
 def _stays(about: os.stat_result) -> bool:
-    """Whether nobody else can put another folder in the place of one that is in this one."""
+    """Whether nobody else can replace a folder inside this one."""
     if not hasattr(os, "geteuid"):
         return True
     alone = bool(about.st_mode & stat.S_ISVTX) or not about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
@@ -216,7 +216,7 @@ def _stays(about: os.stat_result) -> bool:
 
 
 def _kernels() -> Path | None:
-    """The folder of libraries, which is made; None where it may not be used, which is said, or cannot be."""
+    """The folder of libraries, created if missing; None if it cannot be used (a warning says why) or created."""
     try:
         folder = cache_folder() / "kernels"
         folder.parent.mkdir(parents=True, exist_ok=True)
@@ -230,7 +230,7 @@ def _kernels() -> Path | None:
             return None
         with tempfile.TemporaryFile(dir=folder):
             return folder
-    except (OSError, RuntimeError):  # not writable, or nobody's home
+    except (OSError, RuntimeError):  # not writable, or no home folder
         return None
 
 

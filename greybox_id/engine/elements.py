@@ -1,4 +1,4 @@
-"""Actuators and sensors of models with memory: between what is recorded and what equations see, with derivatives."""
+"""Actuators and sensors of models with memory, between recorded signals and the equations, with derivatives."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .virtual import SampledFunction
 
 
 def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
-    """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
+    """The parameters of a model by name, from one vector: p.m an expression, p.F an array of expressions."""
     named = {}
     for parameter, place in placed(model.parameters):
         if parameter.shape == ():
@@ -33,7 +33,7 @@ def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
 class Actuation:
     """All actuators of a model, in order, as one function of a run's recorded inputs.
 
-    An actuator starts each run, and each piece of a run that was joined, at rest on the first command.
+    An actuator starts each run, and each piece of a joined run, in steady state at the first command.
     """
 
     def __init__(self, model: MemoryModel, fed_back: Collection[str]) -> None:
@@ -48,9 +48,9 @@ class Actuation:
         self._moving = not np.all(held[self.touched])
 
     def __call__(self, recorded: Array, p: Array, pieces: Sequence[slice]) -> tuple[Array, Array | None]:
-        """(n, inputs) as recorded -> as the equations see it, and (n, inputs, parameters) its derivative or None.
+        """Recorded inputs (n, inputs) -> inputs of the equations, and their derivative (n, inputs, parameters).
 
-        There is none where every parameter that acts through an actuator is held.
+        The derivative is None if every parameter that acts through an actuator is fixed.
         """
         if not self._steps:
             return recorded, None
@@ -69,7 +69,7 @@ class Actuation:
 
 
 class _Step:
-    """One actuator and its sensitivities, run along a command in CasADi's virtual machine."""
+    """One actuator with its sensitivities, run along a command in CasADi's virtual machine."""
 
     def __init__(self, model: MemoryModel, number: int) -> None:
         actuator = model.actuators[number]
@@ -88,7 +88,7 @@ class _Step:
             + cs.jacobian(both, command) @ command_by_p.T
             + cs.jacobian(both, p)[:, self.touched.tolist()]
         )
-        acting = cs.vertcat(*[p[int(k)] for k in self.touched])  # handing over all weights at every sample takes long
+        acting = cs.vertcat(*[p[int(k)] for k in self.touched])  # passing all weights at every sample is slow
         self._step = cs.Function(
             "actuator",
             [cs.vertcat(state, state_by_p), cs.vertcat(command, command_by_p), acting],
@@ -111,7 +111,7 @@ class _Step:
 class Sensing:
     """All sensors of a model as one function of a run's predictions.
 
-    Before the first prediction a sensor sees the first prediction held.
+    Before the first prediction a sensor sees a constant: the first prediction.
     """
 
     def __init__(self, model: MemoryModel) -> None:
@@ -119,11 +119,11 @@ class Sensing:
 
     @property
     def plain(self) -> bool:
-        """Whether predictions are recorded as they are."""
+        """Whether there are no sensors: readings are the predictions."""
         return not self._sensors
 
     def __call__(self, y: Array, by_p: Array | None, p: Array) -> tuple[Array, Array | None]:
-        """(rows, outputs) predictions and (rows, outputs, parameters) derivative -> the same as recorded."""
+        """(rows, outputs) predictions and (rows, outputs, parameters) derivative -> the same of the readings."""
         if not self._sensors:
             return y, by_p
         y, by_p = y.copy(), None if by_p is None else by_p.copy()

@@ -1,13 +1,12 @@
-"""A CasADi function as a graph of operations: what is emitted as C.
+"""A CasADi function as a graph of operations, from which C is emitted.
 
-From a CasADi function to straight-line C in which every operation works on several lanes at once.
+The emitted C is straight-line code in which every operation works on several lanes at once. CasADi's own generated
+code evaluates one sample at a time; here each number is a vector of W trajectories ("lanes"), so that one machine
+instruction serves them all. The code differs from CasADi's instruction list in that
 
-CasADi's own generated code evaluates one sample at a time. Here each number is a vector of W trajectories
-("lanes"), so that one machine instruction serves them all. The code differs from CasADi's instruction list in that
-
-- what depends on parameters alone is evaluated once, before the segments;
-- operations are ordered by how many slow functions lie before them: independent calls (front and rear axle, say)
-  stand side by side and the processor overlaps them, which takes a third off the time;
+- operations on parameters alone are evaluated once, before the segments;
+- operations are ordered by the number of slow functions before them: independent calls (front and rear axle, say) then
+  are adjacent and the processor overlaps them, which saves a third of the time;
 - it is cut into pieces, as compilers allocate registers in time that grows with the square of a function's length.
 """
 
@@ -34,7 +33,7 @@ OPERATORS = {
     cs.OP_TWICE: "{0} + {0}",
     cs.OP_INV: "splat(1) / {0}",
 }
-"""Operations that C's operators do."""
+"""Operations written with C's operators."""
 
 TESTS = {
     cs.OP_LT: "{0} < {1}",
@@ -42,7 +41,7 @@ TESTS = {
     cs.OP_EQ: "{0} == {1}",
     cs.OP_NE: "{0} != {1}",
 }
-"""Comparisons: they give a mask, all bits set where true."""
+"""Comparisons; their result is a mask, all bits set where true."""
 
 LOGIC = {cs.OP_NOT: "~{0}", cs.OP_AND: "{0} & {1}", cs.OP_OR: "{0} | {1}"}
 """Operations on masks."""
@@ -62,12 +61,12 @@ SLOW = {op for op, name in FUNCTIONS.items() if name in CALLS}
 
 @dataclass(frozen=True)
 class Leaf:
-    """A value that is given: an entry of an argument, or a constant.
+    """An input of the graph: an entry of an argument, or a constant.
 
     Attributes
     ----------
-    text : what it is called in C.
-    fixed : whether it is the same over all segments.
+    text : C expression.
+    fixed : whether it is the same in all segments.
     """
 
     text: str
@@ -76,12 +75,12 @@ class Leaf:
 
 @dataclass(frozen=True)
 class Operation:
-    """A value that is computed.
+    """A computed value.
 
     Attributes
     ----------
-    op : CasADi's code.
-    sources : the numbers of the values it works on.
+    op : CasADi's operation code.
+    sources : numbers of its operands.
     """
 
     op: int
@@ -89,12 +88,12 @@ class Operation:
 
 
 class Graph:
-    """Values and what they are made of, each once, in an order in which they can be evaluated.
+    """Values and their operands, without duplicates, in an order of evaluation.
 
     Attributes
     ----------
-    values : given or computed.
-    fixed : per value, whether it is the same over all segments.
+    values : leaves and operations.
+    fixed : per value, whether it is the same in all segments.
     """
 
     def __init__(self) -> None:
@@ -103,7 +102,7 @@ class Graph:
         self._known: dict[Leaf | Operation, int] = {}
 
     def add(self, value: Leaf | Operation) -> int:
-        """The number of a value, new or known."""
+        """The number of a value, which is appended if it is new."""
         if value not in self._known:
             self._known[value] = len(self.values)
             self.values.append(value)
@@ -111,21 +110,21 @@ class Graph:
         return self._known[value]
 
     def operations(self) -> dict[int, Operation]:
-        """The values that are computed, by number."""
+        """The operations among the values, by number."""
         return {k: value for k, value in enumerate(self.values) if isinstance(value, Operation)}
 
 
 def traced(function: cs.Function, arguments: Sequence[str], fixed: str) -> tuple[Graph, list[list[int]]]:
-    """The graph of an SX function, and per result the numbers of its nonzeros.
+    """The graph of an SX function, and for each result the numbers of its nonzeros.
 
     Divisors that are fixed or shared become reciprocals: a division costs as much as thirty multiplications. The
-    result differs by a unit in the last place; divisors below 1e-308 or above 1e307 are the price.
+    result differs by a unit in the last place, and divisors below 1e-308 or above 1e307 fail.
 
-    `arguments` are the names of its arguments in C, `fixed` the one that is the same over all segments.
+    `arguments` are the names of its arguments in C, `fixed` the one that is the same in all segments.
     Raises `CannotCompile`.
     """
     graph = Graph()
-    slots: dict[int, int] = {}  # CasADi uses the entries of its work vector again and again
+    slots: dict[int, int] = {}  # CasADi reuses the entries of its work vector
     results = [[-1] * function.nnz_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
         op, sources, targets = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)

@@ -1,4 +1,4 @@
-"""What a parameter that is zero leaves nothing of: terms that are multiplied by it need not be computed then."""
+"""Idle terms: values that have no effect while a parameter is zero need not be computed then."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import casadi as cs
 from .graph import LOGIC, SLOW, TESTS, Graph, Leaf, Operation, traced
 
 LINEAR = {cs.OP_ASSIGN, cs.OP_LIFT, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_NEG, cs.OP_SQ, cs.OP_TWICE}
-"""Operations that give zero for operands that are zero, whatever the others are, as long as they are numbers."""
+"""Operations whose result vanishes with an operand, or with all of them, if the others are finite."""
 
 
 ZERO_AT_ZERO = {
@@ -23,9 +23,10 @@ ZERO_AT_ZERO = {
 
 
 def refinements(function: cs.Function) -> frozenset[int]:
-    """Places of the parameters that may be zero at little loss, and save a slow function or a division then.
+    """Indices of parameters whose being zero makes a slow function or a division idle, but no other parameter.
 
-    Without one of them all others still act: it is of a refinement, which many models leave at zero, not of a force.
+    Such a parameter is that of a refinement, which many models leave at zero; a parameter that scales a whole force
+    makes the force's other parameters idle too.
 
     Parameters
     ----------
@@ -46,13 +47,15 @@ def idle_without(
     conditions: Sequence[AbstractSet[str]],
     parameters: AbstractSet[int],
 ) -> dict[int, int]:
-    """Of values that matter only while one of the parameters is not zero, or moves: the place of that parameter.
+    """Values without effect while a parameter is zero and no derivative by it is wanted: value -> parameter's index.
 
     Parameters
     ----------
     graph : the values.
-    stored : on what conditions values are results; "moving[k] >= 0" where they are derivatives by parameter k.
-    conditions : on what conditions each value is wanted.
+    stored : for values that are results, the conditions of storing them; "moving[k] >= 0" for derivatives by
+        parameter k.
+    conditions : the conditions under which each value is needed.
+    parameters : indices of the parameters to consider.
     """
     idle = [reasons & parameters for reasons in _idle(graph, stored, conditions)] if parameters else []
     count = Counter(place for reasons in idle for place in reasons)
@@ -64,7 +67,7 @@ def idle_without(
 
 
 def _places(graph: Graph) -> dict[int, int]:
-    """The values that are parameters, and their places."""
+    """The values that are parameters, and their indices in p."""
     matches = {k: re.fullmatch(r"p\[(\d+)\]", v.text) for k, v in enumerate(graph.values) if isinstance(v, Leaf)}
     return {k: int(match[1]) for k, match in matches.items() if match}
 
@@ -75,7 +78,7 @@ def _slow(graph: Graph, k: int) -> bool:
 
 
 def _zero(graph: Graph, places: Mapping[int, int]) -> list[frozenset[int]]:
-    """Of each value, the parameters that are factors of it."""
+    """For each value, the parameters of which it is a multiple: it vanishes with any of them."""
     zero = list[frozenset[int]]()
     for k, value in enumerate(graph.values):
         if isinstance(value, Leaf):
@@ -94,7 +97,7 @@ def _zero(graph: Graph, places: Mapping[int, int]) -> list[frozenset[int]]:
 def _idle(
     graph: Graph, stored: Mapping[int, AbstractSet[str]], conditions: Sequence[AbstractSet[str]]
 ) -> list[frozenset[int]]:
-    """Of each value, the parameters without which nothing that is wanted depends on it."""
+    """For each value, the parameters whose being zero makes it without effect on all results."""
     places = _places(graph)
     zero = _zero(graph, places)
     idle = [frozenset(places.values())] * len(graph.values)
@@ -104,7 +107,7 @@ def _idle(
     for k in reversed(operations):
         value = operations[k]
         idle[k] |= _moving(conditions[k])
-        if value.op in TESTS or value.op in LOGIC:  # masks stay
+        if value.op in TESTS or value.op in LOGIC:  # masks are always computed
             idle[k] = frozenset()
         for position, source in enumerate(value.sources):
             spared = value.op in LINEAR or (value.op == cs.OP_DIV and position == 0)
@@ -113,6 +116,6 @@ def _idle(
 
 
 def _moving(conditions: AbstractSet[str]) -> frozenset[int]:
-    """The parameter by which a derivative is wanted, if that is all."""
+    """The parameter whose derivative is wanted, if that is the only condition."""
     match = re.fullmatch(r"moving\[(\d+)\] >= 0", next(iter(conditions))) if len(conditions) == 1 else None
     return frozenset({int(match[1])} if match else ())

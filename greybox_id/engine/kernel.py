@@ -1,19 +1,18 @@
 """Many trajectories at once, segment by segment, with forward sensitivities.
 
 A model is integrated by a function of one segment, z_next = step(z, s, p), and read by y = output(z, s, p) at the
-start of chosen segments; s are the segment's own numbers (inputs, duration), p the parameters. Differentiated:
+start of chosen segments; s are the segment's numbers (inputs, duration), p the parameters. Differentiated:
 
     Z <- A Z + [0 | B]      A, B = derivatives of step by z and p
     Y =  C Z + [0 | D]      C, D = derivatives of output by z and p
 
-with Z the derivative of the state by the initial state and by the parameters that move. It runs as generated C,
-several lanes at a time, where a compiler is found and the work pays for it, else in CasADi's virtual machine.
+with Z the derivative of the state by the initial state and by chosen parameters. It runs as generated C, several lanes
+at a time, if there is a compiler and the work pays for compiling, else in CasADi's virtual machine.
 The numbers are the same (1e-12 relative, unless the model cancels digits).
 
-Lanes of one call shared out between two threads: compiled code holds no lock of Python's, nor do lanes need another.
-
-What comes out is the same to the last digit, as no lane knows of the others. Where other fits run beside (`--jobs`,
-fleets, servers) each keeps to one: GREYBOX_THREADS says how many there are to be, 1 or more.
+The lanes of one call are divided between two threads: compiled code does not hold Python's lock, and lanes are
+independent, so that results are the same to the last digit. Where other fits run in parallel (`--jobs`, fleets,
+servers) each uses one thread. The environment variable GREYBOX_THREADS sets their number, 1 or more.
 """
 
 from __future__ import annotations
@@ -36,15 +35,15 @@ from .vectors import FEW, WIDE, narrow_source, scratch_size, source, writers
 from .virtual import VirtualMachine
 
 WIDEST = 8
-"""Lanes that run in one vector: threads get whole ones."""
+"""Lanes of the widest vector; threads get whole vectors."""
 SHARED_FROM = 8_000
-"""Lanes times segments from which a call is shared out: half a millisecond, ten times what starting a thread takes."""
+"""Lanes times segments from which a call is divided: half a millisecond, ten times the time to start a thread."""
 MOST = 2
-"""Threads where nothing is said: more of them wait for memory."""
+"""Default limit of threads: more of them wait for memory."""
 
 
 def threads() -> int:
-    """How many threads a call may run in."""
+    """Number of threads for a call."""
     stated = os.environ.get("GREYBOX_THREADS", "")
     if stated.isdecimal():
         return max(1, int(stated))
@@ -52,7 +51,7 @@ def threads() -> int:
 
 
 def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> None:
-    """Do the work on lanes [first, last), in as many threads as pay."""
+    """Call `run` on ranges [first, last) of lanes, in as many threads as pay."""
     count = threads() if lanes * segments >= SHARED_FROM and lanes >= 2 * WIDEST else 1
     blocks = -(-lanes // WIDEST)
     edges = [min(lanes, WIDEST * (blocks * k // count)) for k in range(count)] + [lanes]
@@ -65,35 +64,35 @@ def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> No
 
 
 PAYS = 20_000
-"""Lanes times segments after which a kernel is compiled: a fifth of what takes the virtual machine as long as
-compiling, as what is compiled is kept. Both grow with the model's size in much the same way, so that this number need
-not know it: a tenth of a second for a single-track model, half a second for a large one. The work alone decides, not
-what the cache holds: a first run and a later one give the same digits."""
+"""Work, lanes times segments, from which a kernel is compiled: a fifth of the work that takes the virtual machine as
+long as compiling, since the library is cached. Both times grow alike with the model's size, so that one number serves
+all models: a tenth of a second for a single-track model, half a second for a large one. The work alone decides, not the
+content of the cache: a first run and a later one give the same digits."""
 
 LINEARISED = 5
-"""What a segment's derivatives cost, in segments."""
+"""Cost of a segment's derivatives, in segments."""
 
 
 MOST_FUSED = 128
-"""Unknowns up to which what readings add to J'J is added at once: it takes a megabyte, what a second-level cache holds.
-Beyond, J is laid out, and multiplied as a whole."""
+"""Largest number of unknowns for which J'J is accumulated reading by reading: it takes a megabyte, the size of a
+second-level cache. Beyond, J is stored, and multiplied as a whole."""
 
 
 @dataclass(frozen=True)
 class KnownSimulation:
-    """What a simulation gave, of which another one from elsewhere may meet a part.
+    """Result of a simulation, whose trajectories another one from other initial states may meet.
 
     Attributes
     ----------
-    results : states that were wanted, (L, K, nz), and readings, (L, R, ny).
-    near : (nz,) how far from a state that was wanted another one is as good as the same.
+    results : stored states, (L, K, nz), and readings, (L, R, ny).
+    near : (nz,) distance within which a state counts as equal to a stored one.
     """
 
     results: tuple[Array, Array]
     near: Array
 
     def elsewhere(self, z0: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(L,) which lanes begin elsewhere, where their beginnings were wanted; else all."""
+        """(L,) lanes whose initial state differs from the stored one; all lanes if initial states are not stored."""
         states = self.results[0]
         return np.any(~(np.abs(z0 - states[:, 0]) <= self.near), axis=1) if keep[0] else np.ones(len(z0), dtype=bool)
 
@@ -101,15 +100,15 @@ class KnownSimulation:
 class Kernel:
     """Integrates trajectories ("lanes") and their sensitivities.
 
-    Shapes below: L lanes, S segments, R readings, q parameters that move, and the functions' own nz, ns, np, ny.
+    Shapes below: L lanes, S segments, R readings, q parameters to differentiate by, and the functions' nz, ns, np, ny.
 
     Parameters
     ----------
     step : SX function (z[nz], s[ns], p[np]) -> z_next[nz] of one segment.
-    output : SX function (z[nz], s[ns], p[np]) -> y[ny] of what is read at the start of a segment.
+    output : SX function (z[nz], s[ns], p[np]) -> y[ny], the readings at the start of a segment.
     compiled : True: always compiled C, or `CannotCompile`. False: never. None: as the environment variable
-        GREYBOX_COMPILE says, 1 or 0; where it says nothing, as soon as the work asked for so far pays for it (`PAYS`),
-        and never an error where that cannot be.
+        GREYBOX_COMPILE says, 1 or 0; if it is not set, as soon as the work requested so far pays for compiling
+        (`PAYS`), without an error if that fails.
 
     Attributes
     ----------
@@ -126,15 +125,15 @@ class Kernel:
         self._cannot = False
 
     def prepare(self) -> None:
-        """Be compiled from the first call on, where that can be.
+        """Compile before the first call, if possible.
 
-        What a long calculation finds then depends neither on how much the kernel did before nor on how many processes
-        share the work.
+        The results of a long calculation then depend neither on the kernel's earlier work nor on the number of
+        processes that share the work.
         """
         self._load(PAYS)
 
     def expect(self, work: int) -> None:
-        """Be compiled from the first call on if so many lanes times segments, asked for next, pay for it."""
+        """Compile before the first call if the work requested next, lanes times segments, pays for it."""
         if self._work + work >= PAYS:
             self.prepare()
 
@@ -152,17 +151,17 @@ class Kernel:
         Parameters
         ----------
         z0 : (L, nz) initial states.
-        s : (L, S, ns) numbers of each segment; where all lanes have the same, `np.broadcast_to` spares memory and time,
-            where they overlap, a view of them does.
+        s : (L, S, ns) numbers of each segment; for lanes with the same numbers, `np.broadcast_to` saves memory and
+            time, for lanes whose numbers overlap, a view does.
         p : (L, np) parameters, or (np,) for all lanes.
         reads : (S,) bool, the segments at whose start the outputs are read.
-        keeps : (S + 1,) bool, the segments at whose start states are wanted, and whether at the end; None: all.
-        known : what the same call gave from other initial states, which is changed to what these give; lanes end where
-            their states are as good as known.
+        keeps : (S + 1,) bool, the segments at whose start the state is returned, and whether at the end; None: all.
+        known : result of this call from other initial states, updated in place; a lane stops where its state is near
+            the stored one.
 
         Returns
         -------
-        z : (L, K, nz) the states that are wanted.
+        z : (L, K, nz) the requested states.
         y : (L, R, ny) readings.
         """
         given = self._checked(z0, s, p, reads)
@@ -198,26 +197,26 @@ class Kernel:
     def followed(
         self, s: ArrayLike, p: ArrayLike, begins: ArrayLike, z: Array, given: ArrayLike, complete: ArrayLike
     ) -> Array:
-        """Integrate one trajectory from row to row, set back to what is given of its states where that is complete.
+        """Integrate one trajectory from row to row, resetting given states in rows where they are complete.
 
         Parameters
         ----------
         s : (S, ns) numbers of each segment.
         p : (np,) parameters.
-        begins : (n,) the segment that starts at each row.
-        z : (n, nz) where it begins, and what is given of later states; it is changed.
-        given : (nz,) which states that is.
-        complete : (n,) at which rows.
+        begins : (n,) index of the segment that starts at each row.
+        z : (n, nz) initial state in row 0, values of the given states in later rows; may be overwritten.
+        given : (nz,) bool, the states that are given.
+        complete : (n,) bool, the rows in which they are reset.
 
         Returns
         -------
-        (n, nz) states: those given where they are, and those that the trajectory leads to.
+        (n, nz) states of the trajectory.
         """
         states, numbers, parameters, _ = self._checked(z[:1], np.asarray(s)[None], p, np.zeros(len(np.asarray(s))))
         places, set_to = np.ascontiguousarray(begins, dtype=np.intp), np.ascontiguousarray(given, dtype=bool)
         there, trajectory = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
         shapes = (len(trajectory),), (len(trajectory),), states.shape[1:]
-        inside = np.all(np.diff(places, prepend=0, append=len(numbers[0])) >= 0)  # in order, and none beyond the last
+        inside = np.all(np.diff(places, prepend=0, append=len(numbers[0])) >= 0)  # ascending, none beyond the last
         if (places.shape, there.shape, set_to.shape) != shapes or not inside:
             raise ValueError(f"Rows, or what is given at them, do not match {trajectory.shape} states.")
         self._load(len(numbers[0]))
@@ -240,12 +239,12 @@ class Kernel:
     def linearise(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
     ) -> tuple[Array, Array, Array, Array]:
-        """Integrate, and differentiate by the initial states and some of the parameters.
+        """Integrate, and differentiate by the initial states and some parameters.
 
         Parameters
         ----------
         z0, s, p, reads : as for `simulate`.
-        columns : (q,) the entries of p that move, each once.
+        columns : (q,) indices of the parameters to differentiate by, each once.
 
         Returns
         -------
@@ -280,22 +279,22 @@ class Kernel:
         against: Against,
         residuals: Array | None = None,
     ) -> tuple[Array, Array, Array]:
-        """J'J and J'r of every lane, with r what readings are away from targets and J its derivative.
+        """J'J and J'r of every lane, with r the weighted residuals of readings and J their derivative.
 
-        J is never laid out: what a reading adds is added while it is in the processor's cache.
+        J is not stored: each reading's contribution is added while it is in the processor's cache.
 
         Parameters
         ----------
         z0, s, p, reads, columns : as for `linearise`.
         seed : (L, nz, c) derivative of the initial states by c unknowns.
-        places : (q,) which of the unknowns the parameters that move are.
-        against : what readings are held against.
-        residuals : (L, R, ny) taken for r, weighted; J'J is left out then. None: those at hand.
+        places : (q,) index among the unknowns of each parameter in `columns`.
+        against : targets and weights of the readings.
+        residuals : (L, R, ny) weighted residuals to use as r, without J'J; None: those of this simulation.
 
         Returns
         -------
         Z : (L, nz, c) derivative of the states at the end.
-        H : (L, c, c) J'J; (L, 0, 0) where residuals are given.
+        H : (L, c, c) J'J; (L, 0, 0) if residuals are given.
         g : (L, c) J'r.
         """
         given = self._checked(z0, s, p, reads)
@@ -320,7 +319,7 @@ class Kernel:
         return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
 
     def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Of each parameter, which column is its derivative's; -1 where it does not move."""
+        """For each parameter, the column of its derivative; -1 for none."""
         moving = np.full(self._model.parameters, -1, dtype=np.intp)
         moving[chosen] = places
         if np.count_nonzero(moving >= 0) != len(chosen):
@@ -339,7 +338,7 @@ class Kernel:
         robust: float | None = None,
         *others: Array | None,
     ) -> None:
-        """The compiled function that linearises: readings' derivatives are laid out, or added up."""
+        """Call the compiled function that linearises: it stores the readings' derivatives, or accumulates J'J."""
         z0, s, p, reads = given
         counts = s.shape[1], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
         robust = np.inf if robust is None else robust
@@ -357,7 +356,7 @@ class Kernel:
     def _checked(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """The arguments as C reads them; wrong shapes would have it read beyond their ends."""
+        """The arguments as contiguous arrays for C; wrong shapes would let it read beyond their ends."""
         numbers = np.asarray(s, dtype=float)
         in_place = len(numbers) > 1 and numbers[0].flags.c_contiguous and numbers.strides[0] % numbers.itemsize == 0
         numbers = numbers if in_place else np.ascontiguousarray(numbers)
@@ -374,7 +373,7 @@ class Kernel:
         return states, numbers, parameters, read
 
     def _load(self, work: int) -> None:
-        """Find or make the library if this much more work is a reason to."""
+        """Load or compile the library if the work so far, this included, pays for it."""
         self._work += work
         pays = self._wanted is True or self._work >= PAYS
         if self._library is None and self._wanted is not False and not self._cannot and pays:
@@ -389,12 +388,12 @@ class Kernel:
 
 
 class _Functions:
-    """A model's functions of one segment, for both ways of running them.
+    """A model's functions of one segment, for the virtual machine and for C.
 
     Attributes
     ----------
     states, numbers, parameters, outputs : sizes of z, s, p and y.
-    known_by : what the C source follows from: the functions, and what writes it.
+    known_by : text that determines the C source: the functions, and the code that writes it.
     """
 
     def __init__(self, step: cs.Function, output: cs.Function) -> None:
@@ -402,7 +401,7 @@ class _Functions:
         self.arguments = [cs.SX.sym(letter, step.numel_in(k)) for k, letter in enumerate("zsp")]
         self.states, self.numbers, self.parameters = (step.numel_in(k) for k in range(3))
         self.outputs = output.numel_out(0)
-        # what is computed twice, by step and output or by one of them, would be differentiated twice
+        # step and output together: shared subexpressions would otherwise be differentiated twice
         both = cs.cse(cs.densify(cs.vertcat(step(*self.arguments), output(*self.arguments))))
         self.results = [both[: self.states], both[self.states :]]
 
@@ -415,7 +414,7 @@ class _Functions:
 
     @cached_property
     def virtual(self) -> VirtualMachine:
-        """Run by CasADi."""
+        """The functions in CasADi's virtual machine."""
         A, B, C, D = (cs.densify(slope) for slope in self.slopes)
         following, y = self.results
         parts = {"step": [following], "output": [y], "step_by": [following, A, B], "output_by": [y, C, D]}
@@ -423,14 +422,14 @@ class _Functions:
 
     @cached_property
     def sources(self) -> tuple[str, str]:
-        """To be compiled."""
+        """The C source files."""
         value = cs.Function("value", self.arguments, self.results)
         slope = cs.Function("slope", self.arguments, [*self.results, *self.slopes])
         return source(value, slope), narrow_source(value)
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
-    """A library that has been told what its functions take: counts, then arrays."""
+    """A library with the argument types of its functions declared: counts, then arrays."""
     made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
     made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
     made.follow.argtypes = [ctypes.c_ssize_t] + [ctypes.c_void_p] * 6
@@ -442,5 +441,5 @@ def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
 
 
 def _places(*arrays: NDArray[np.generic] | None) -> list[int | None]:
-    """Where arrays begin in memory."""
+    """Addresses of arrays."""
     return [None if array is None else array.ctypes.data for array in arrays]

@@ -1,4 +1,4 @@
-"""Least-squares problems: where parameters stand among the unknowns, priors as rows, and what solvers ask of them."""
+"""Least-squares problems: places of parameters among the unknowns, priors as rows, and the interface for solvers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..models.parameter import Parameter, placed
 def prior_rows(
     parameters: Sequence[Parameter], strengths: Mapping[str, float] | None = None
 ) -> tuple[sp.csr_matrix, Array]:
-    """Rows R and offsets r so that the priors' residuals are R p - r, in standard deviations.
+    """Rows R and offsets r such that the priors' residuals are R p - r, in standard deviations.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ def prior_rows(
 
 
 Rows = tuple[Index, Array, Array]
-"""Rows of priors that have as many terms: the unknowns of each (rows, terms), their coefficients, offsets (rows,)."""
+"""Prior rows with equally many terms: unknowns of each row (rows, terms), their coefficients, offsets (rows,)."""
 
 
 def _joined(blocks: Sequence[Rows], size: int) -> tuple[sp.csr_matrix, Array]:
-    """One sparse matrix of blocks of rows, and its offsets."""
+    """Blocks of rows as one sparse matrix, and its offsets."""
     if not blocks:
         return sp.csr_matrix((0, size)), np.empty(0)
     offsets = np.concatenate([np.empty(0), *(r for _, _, r in blocks)])
@@ -52,7 +52,7 @@ def _joined(blocks: Sequence[Rows], size: int) -> tuple[sp.csr_matrix, Array]:
 
 
 def _rows(parameter: Parameter, strengths: Mapping[str, float] | None) -> list[Rows]:
-    """Rows of one parameter's prior, its own values counted from zero."""
+    """Rows of one parameter's prior; unknowns are numbered within the parameter."""
     prior = parameter.prior
     if prior is None:
         return []
@@ -75,9 +75,14 @@ def _rows(parameter: Parameter, strengths: Mapping[str, float] | None) -> list[R
 
 @dataclass(frozen=True)
 class Layout:
-    """Where a run's model parameters stand among the unknowns.
+    """Places of model parameters among the unknowns.
 
-    Run-scoped ones have a place per run; a run and its mirror image share it.
+    Run-scoped parameters have one place per run, which a run and its mirror image share.
+
+    Attributes
+    ----------
+    index : per run, (parameters,) index of each model parameter in the vector of unknowns.
+    size : number of unknowns.
     """
 
     index: tuple[NDArray[np.intp], ...]
@@ -86,14 +91,14 @@ class Layout:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """A quadratic model of the objective about a point, nodes eliminated.
+    """A quadratic model of the objective around a point, nodes eliminated.
 
     Attributes
     ----------
     H : (unknowns, unknowns) Gauss-Newton Hessian, priors included.
     g : (unknowns,) gradient of the objective.
-    pulled : simulation at another point -> J'r with the residuals r there and the derivative J of here; for steps that
-        follow a bend. None where a problem does not offer it.
+    pulled : (unknowns, their simulation) -> J'r with the residuals r at those unknowns and J of this point, for
+        second-order corrections of steps; None if the problem does not offer it.
     """
 
     H: Array
@@ -102,7 +107,7 @@ class NormalEquations:
 
 
 def lay_out(model: Model, count: int, copies: int) -> Layout:
-    """Where the parameters of so many runs stand; the runs beyond `copies` are mirror images of the first ones."""
+    """Layout for `count` runs; the runs beyond `copies` are mirror images of the first ones."""
     if count == 1:
         return Layout((np.arange(model.size),), model.size)
     size, columns = 0, []
@@ -142,19 +147,19 @@ def beliefs(
 
 
 Matched = Any
-"""A problem's own simulation at a point: what it needs again to evaluate and linearise there."""
+"""A problem's simulation at a point, which evaluation and linearisation there take as an argument."""
 
 
 class LeastSquares(Protocol):
-    """A nonlinear least-squares problem in parameters whose model has been simulated.
+    """A nonlinear least-squares problem in parameters, with the model's simulation eliminated.
 
     Attributes
     ----------
-    layout : where the unknowns of each piece (run or interval) stand.
+    layout : places of the unknowns of each piece (run or interval).
     bounds : (unknowns,) lowest and highest values.
-    free : (unknowns,) whether an unknown moves.
+    free : (unknowns,) whether an unknown is estimated.
     R, r : priors, residuals R x - r in standard deviations.
-    copies : pieces that are not mirror images.
+    copies : number of pieces that are not mirror images.
     """
 
     layout: Layout
@@ -169,13 +174,13 @@ class LeastSquares(Protocol):
         """Unknowns to start from."""
 
     def simulated_nodes(self, x: Array) -> Matched:
-        """A simulation of everything at x."""
+        """The simulation at x."""
 
     def objective(self, x: Array, nodes: Matched) -> float:
         """Half the sum of squared residuals, priors included; infinite where the model is not finite."""
 
     def normal_equations(self, x: Array, nodes: Matched) -> NormalEquations:
-        """Linearise everything about a simulated point."""
+        """Linearise all residuals at a simulated point."""
 
     def residuals(self, x: Array, nodes: Matched) -> Iterator[tuple[Array, Array]]:
         """Per piece, residuals (rows, outputs) and their derivative (rows, outputs, unknowns of the piece)."""

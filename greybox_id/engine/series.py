@@ -1,8 +1,8 @@
-"""A model laid over the unbroken runs of a recording: predictions and their derivatives, all rows at once.
+"""A model applied to the unbroken runs of a recording: predictions and their derivatives, all rows at once.
 
 Rows are samples. The output at row k + 1 follows from the window of rows k - memory + 1 ... k; no window
 crosses a join or a missing value. In closed loop the fed-back inputs come from `nodes`, one value of every
-output per row: predictions themselves (simulated in CasADi's virtual machine) or free variables of a lifted problem.
+output per row: predictions (simulated in CasADi's virtual machine) or free variables of a lifted problem.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
 
     Parameters
     ----------
-    u : (n, inputs) what the equations see; the fed-back inputs hold their measured values before row `memory`
-        and are ignored from there on.
-    measured : (n, outputs) recorded outputs, of which row memory - 1 starts the loop.
+    u : (n, inputs) inputs of the equations; the fed-back ones hold measurements before row `memory` and are ignored
+        from there on.
+    measured : (n, outputs) recorded outputs; row memory - 1 starts the loop.
     p : (parameters,).
 
     Returns
@@ -53,13 +53,13 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
 
 
 LOOP = 64
-"""Steps of the loop that CasADi takes at a time: making a function of a run's whole length takes it a tenth of a
-second, ten times as long as evaluating it."""
+"""Steps of the loop per CasADi call: making a function of a run's whole length takes a tenth of a second, ten times as
+long as evaluating it."""
 
 
 @lru_cache(maxsize=64)
 def _accumulated(trace: Trace) -> cs.Function:
-    """`LOOP` steps of the loop; the state is the windows' past stage signals, oldest first, and the last outputs."""
+    """`LOOP` steps of the loop; the state: past stage signals of the windows, oldest first, and the last outputs."""
     signals, outputs = trace.stage.outputs, len(trace.model.outputs)
     past = cs.SX.sym("past", signals, trace.memory - 1)
     y = cs.SX.sym("y", outputs)
@@ -116,7 +116,7 @@ def _band(weights: Array, rows: int) -> Array:
 
 
 SAMPLE_TIME_TOLERANCE = 0.02
-"""A recording may differ from the model's sample time by this share."""
+"""Largest relative difference between the sample times of a recording and of the model."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class Linearisation:
     Attributes
     ----------
     y : (rows, outputs) predictions.
-    by_p : (rows, outputs, parameters) derivative by the parameters, nodes held.
+    by_p : (rows, outputs, parameters) derivative by the parameters, nodes fixed.
     by_nodes : (rows, outputs, memory, outputs) derivative by the nodes in the window, oldest first; None in open loop.
     """
 
@@ -136,17 +136,17 @@ class Linearisation:
 
 
 class Run:
-    """One unbroken run under a traced model.
+    """One unbroken run with a traced model.
 
     Attributes
     ----------
     trace : the model.
     recorded : (n, inputs) as recorded; NaN where a fed-back input was not recorded.
-    measured : (n, outputs) recorded outputs; NaN where there is none.
-    rows : rows of the recording that the n samples are.
-    pieces : row ranges (of the run) that actuators run through; one, unless windows were laid across joins.
+    measured : (n, outputs) recorded outputs; NaN where not recorded.
+    rows : the recording's rows of the n samples.
+    pieces : row ranges (of the run) that actuators run through; one, unless windows may cross joins.
     actuation : the model's actuators.
-    first : first row (of the run) that has a prediction; predictions cover rows first ... n-1.
+    first : first row (of the run) with a prediction; predictions cover rows first ... n-1.
     """
 
     def __init__(self, trace: Trace, recording: Recording, rows: range, joins: Sequence[int] = ()) -> None:
@@ -181,13 +181,13 @@ class Run:
 
     @property
     def predicted(self) -> slice:
-        """Rows of the run that have a prediction."""
+        """Rows of the run with a prediction."""
         return slice(self.first, len(self))
 
     def inputs(self, p: Array, nodes: Array | None) -> tuple[Array, Array | None]:
-        """What the equations see, (n, inputs), and its derivative by the parameters, (n, inputs, parameters) or None.
+        """Inputs of the equations, (n, inputs), and their derivative, (n, inputs, parameters) or None.
 
-        `nodes` (n, outputs) replaces the fed-back inputs; None leaves them as recorded.
+        `nodes` (n, outputs) determine the fed-back inputs; with None these are as recorded.
         """
         if nodes is None or not self._fed:
             return self._commanded(p)
@@ -197,7 +197,7 @@ class Run:
         return u, u_by_p
 
     def _commanded(self, p: Array) -> tuple[Array, Array | None]:
-        """The recorded inputs behind their actuators, computed anew only when an actuator's parameter moved."""
+        """The recorded inputs after their actuators, recomputed only when an actuator's parameter changes."""
         acting = p[self.actuation.touched]
         if self._seen is None or not np.array_equal(self._seen[0], acting):
             self._seen = (acting, *self.actuation(self.recorded, p, self.pieces))
@@ -211,14 +211,14 @@ class Run:
         return self.trace.head(h, self._newest(u), p)
 
     def simulate(self, p: Array) -> Array:
-        """Closed loop from the first window on: nodes (n, outputs), measured up to `first`, predicted from there."""
+        """Closed loop from the first window on: nodes (n, outputs), measured before `first`, predicted from there."""
         if not self._fed:
             return self._joined(self.predict(p))
         u, _ = self.inputs(p, self.measured)
         return self._joined(free_run(self.trace, u, self.measured, p))
 
     def linearise(self, p: Array, nodes: Array | None = None) -> Linearisation:
-        """Predictions and derivatives, from the recorded inputs or about nodes."""
+        """Predictions and derivatives, with the recorded inputs or around nodes."""
         trace = self.trace
         u, u_by_p = self.inputs(p, nodes)
         z, h = self._windows(u, p)
@@ -253,14 +253,14 @@ class Run:
         return Linearisation(y, by_p, by_nodes)
 
     def pulled(self, p: Array, weighed: Callable[[Array], Array], nodes: Array | None = None) -> Array | None:
-        """Weights (rows, outputs) times the derivative of the predictions by the parameters, (parameters,).
+        """Derivative of the weighted sum of the predictions by the parameters, (parameters,).
 
-        Adjoint: windows backwards, without the derivative laid out. About nodes that match, what a parameter does to
-        them is carried along. None where an actuator's parameter moves.
+        Adjoint mode: windows backwards, without storing the Jacobian. Around matched nodes the derivative includes the
+        parameters' effect through the nodes. None if a free parameter acts through an actuator.
 
         Parameters
         ----------
-        weighed : predictions (rows, outputs) -> their weights.
+        weighed : predictions (rows, outputs) -> their weights (rows, outputs).
         """
         trace = self.trace
         u, u_by_p = self.inputs(p, nodes)
@@ -295,14 +295,14 @@ class Run:
         return total
 
     def _head_by_p(self, h: Array, newest: Array, p: Array) -> tuple[Array, Array, Array]:
-        """Predictions, and the nonzeros of their derivatives by windows' results and by parameters."""
+        """Predictions, and the nonzeros of their derivatives by the windows' results and by the parameters."""
         outputs = len(self.trace.model.outputs)
         edges = [outputs, outputs + len(self.trace.head_by_h.row)]
         y, by_h, by_p = np.split(self.trace.head_with_slopes(h, newest, p), edges, axis=1)
         return y, by_h, by_p
 
     def _windows(self, u: Array, p: Array) -> tuple[Array, Array]:
-        """What windows look at and their results; kept, since a step that is taken is linearised where it was tried."""
+        """Stage signals and the windows' results; cached, since an accepted trial step is linearised next."""
         trace, last = self.trace, self._looked
         if last is not None and u is last[0] and np.array_equal(p, last[1]):
             return last[2:]
@@ -312,12 +312,12 @@ class Run:
         for signal in range(z.shape[1]):
             taps = np.flatnonzero(trace.tap_signal == signal)
             h[:, taps] = windows(z[:-1, signal], trace.memory) @ weights[taps].T
-        if self._seen is not None and u is self._seen[1]:  # inputs with predictions fed back are new each time
+        if self._seen is not None and u is self._seen[1]:  # inputs from fed-back predictions differ every time
             self._looked = u, p.copy(), z, h
         return z, h
 
     def _stage(self, u: Array, p: Array) -> Array:
-        """What windows look at; a product of matrices where it is linear in the parameters and inputs do not move."""
+        """Stage signals; a matrix product if they are linear in the parameters and the inputs are unchanged."""
         if not self._unmoved(u):
             return self.trace.stage(u, p)
         if self._stage_at_zero is None:
@@ -328,11 +328,11 @@ class Run:
         return z
 
     def _unmoved(self, u: Array) -> bool:
-        """Whether the stage is linear in the parameters, with a derivative that stays as it is."""
+        """Whether the inputs are unchanged and the stage's derivative by the parameters is constant."""
         return self.trace.stage_by_p.constant and self._seen is not None and u is self._seen[1]
 
     def _stage_by_p(self, u: Array, p: Array) -> list[Array]:
-        """Per signal, derivative of the stage by the parameters that it depends on; evaluated once where it stays."""
+        """Per signal, derivative of the stage by the parameters it depends on; cached if it is constant."""
         if self._unmoved(u) and self._constant_stage_by_p is not None:
             return self._constant_stage_by_p
         values = self.trace.stage_by_p.nonzeros(u, p)
@@ -342,7 +342,7 @@ class Run:
         return result
 
     def _weights_by_p(self, p: Array) -> Array:
-        """Nonzeros of the derivative of the windows' weights; evaluated once where the weights are parameters."""
+        """Nonzeros of the derivative of the windows' weights; cached if it is constant."""
         if not self.trace.weights_by_p.constant or self._constant_weights_by_p is None:
             self._constant_weights_by_p = self.trace.weights_by_p.nonzeros(p)[0]
         return self._constant_weights_by_p
@@ -388,7 +388,7 @@ class Run:
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
     ) -> tuple[Array, Index]:
-        """Adds to a stage signal's derivative what reaches it through actuators on its inputs."""
+        """A stage signal's derivative by the parameters, with their effect through actuators added."""
         full = np.zeros((usable, u_by_p.shape[2]))
         full[:, columns] = signal_by_p
         for k in np.flatnonzero(self.trace.stage_by_u.row == signal):
@@ -420,10 +420,10 @@ class Run:
 
 
 def _zeros(rows: int, outputs: int, parameters: int, by_rows: bool) -> Array:
-    """(rows, outputs, parameters) zeros, in memory row by row or parameter by parameter.
+    """(rows, outputs, parameters) zeros, stored row by row or parameter by parameter.
 
-    A window's derivative by its weights are its signal's samples, each a row later: long copies parameter by parameter,
-    a dozen numbers at a time row by row. Fed back, derivatives are carried from row to row.
+    A window's derivative by its weights consists of its signal's samples, shifted by a row each: long copies if stored
+    parameter by parameter, a dozen numbers at a time if row by row. Fed-back derivatives are propagated row by row.
     """
     if by_rows:
         return np.zeros((rows, outputs, parameters))
@@ -431,7 +431,7 @@ def _zeros(rows: int, outputs: int, parameters: int, by_rows: bool) -> Array:
 
 
 def _fed_back(weights: Array, by_nodes: Array) -> Array:
-    """Weights of predictions, with what each prediction does to those after it, from the last row to the first."""
+    """Weights of predictions, plus their effect through each prediction on later ones, from last row to first."""
     rows, outputs, memory, _ = by_nodes.shape
     total = np.concatenate((np.zeros(memory * outputs), weights.ravel()))
     flat = np.ascontiguousarray(by_nodes).reshape(rows, outputs, -1)
@@ -442,16 +442,16 @@ def _fed_back(weights: Array, by_nodes: Array) -> Array:
 
 
 def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:
-    """The stretches of a recording that a model can predict.
+    """The unbroken stretches of a recording that are long enough for the model's windows.
 
     Parameters
     ----------
-    across_joins : lay windows across joins as if the recording were one run (the published protocol of the
-        model-structured networks does so; its error is meaningless there).
+    across_joins : let windows cross joins as if the recording were one run (as the published protocol of the
+        model-structured networks does; its error there is meaningless).
 
     Raises
     ------
-    BadInput : a needed signal is missing, the sample time differs, or no run is long enough.
+    BadInput : a required signal is missing, the sample time differs, or no run is long enough.
     """
     model = trace.model
     recording.require([n for n in _needed(trace) if n not in model.defaults], f"model {model.name}")

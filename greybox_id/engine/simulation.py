@@ -1,6 +1,6 @@
-"""A model laid over recordings, whichever kind of model it is: what it predicts, and what is asked of a simulation.
+"""Interfaces between models of any kind and recordings: predictions, simulations of whole runs, equations of motion.
 
-The equations of motion that a model is made of, or amounts to: what exports and linear systems take.
+Exports and linear systems need the equations of motion that a model consists of, or is equivalent to.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from ..models.motion_model import MotionModel
 
 @dataclass(frozen=True)
 class Prediction:
-    """Predictions of one recording, beside its readings.
+    """Predictions of one recording, with its readings.
 
     Attributes
     ----------
-    rows : (n,) rows of the recording they belong to.
-    predicted, measured : (n, outputs); NaN where there is none.
+    rows : (n,) their rows in the recording.
+    predicted, measured : (n, outputs); NaN where missing.
     run : (n,) number, from 0, of the unbroken stretch that was predicted; missing values break one too.
     """
 
@@ -35,41 +35,41 @@ class Prediction:
     run: Index
 
     def taken(self, order: Index | Mask | slice) -> Prediction:
-        """Some of the rows, in that order."""
+        """The given rows, in that order."""
         return Prediction(self.rows[order], self.predicted[order], self.measured[order], self.run[order])
 
     def of(self, outputs: Sequence[int]) -> Prediction:
-        """The same of some of the outputs."""
+        """The given outputs."""
         return replace(self, predicted=self.predicted[:, outputs], measured=self.measured[:, outputs])
 
 
 def breaks(rows: Index | Array, run: Index | Array) -> Index:
-    """Where a row does not follow the one before it, or is of another run."""
+    """Places where a row does not follow the previous one, or belongs to another run."""
     return np.flatnonzero((np.diff(rows) != 1) | (np.diff(run) != 0)) + 1
 
 
 Diagnosed = MotionModel | MemoryModel
-"""A model that can be simulated so, and diagnosed."""
+"""Models that can be simulated as `FreeRuns`, and diagnosed."""
 
 
 class SimulatedRun(Protocol):
-    """An unbroken run as a simulation lays it out."""
+    """An unbroken run in a simulation."""
 
     @property
     def time(self) -> Array:
-        """(n,) s, of its rows."""
+        """(n,) times of its rows, s."""
 
     @property
     def held(self) -> Mask:
-        """(inputs,) whether an input is held between rows."""
+        """(inputs,) whether an input is constant between rows (zero-order hold)."""
 
 
 class FreeRuns(Protocol):
-    """A model laid over recordings, which simulates whole runs freely, N rows in all."""
+    """A model with recordings whose whole runs it simulates freely, N rows in all."""
 
     @property
     def model(self) -> Diagnosed:
-        """With all candidates."""
+        """The model with all candidates."""
 
     @property
     def runs(self) -> Sequence[SimulatedRun]:
@@ -85,23 +85,23 @@ class FreeRuns(Protocol):
 
     @property
     def counted(self) -> Mask:
-        """(N, outputs) readings that are there and count."""
+        """(N, outputs) readings that exist and have a weight."""
 
     @property
     def time(self) -> Array:
-        """(N,) s."""
+        """(N,) times of the rows, s."""
 
     @property
     def inputs(self) -> Array:
-        """(N, inputs)."""
+        """(N, inputs) recorded inputs."""
 
     @property
     def learnt(self) -> bool:
-        """Whether weights stand for the equations: what training left is its noise then, and rows are all it knows."""
+        """Whether a network replaces the equations: its training error is then its noise, and it knows only rows."""
 
     @property
     def loose(self) -> tuple[int, ...]:
-        """States whose starts are read, with noise."""
+        """States whose initial values are measured, with noise."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -109,27 +109,27 @@ class FreeRuns(Protocol):
 
     @property
     def sample_time(self) -> float:
-        """Usual step, s."""
+        """Usual sample time, s."""
 
     def simulate(self, P: Array) -> Array:
-        """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
+        """(K, N, outputs) predicted readings for each of (K, parameters) vectors."""
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
-        """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
+        """Simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by initial states."""
 
 
 @by_kind
 def equations_of_motion(model: Model, text: str = "") -> MotionModel:
-    """The model as equations of motion; a network without a memory is part of them, its weights are constants.
+    """The model as equations of motion; a network without memory is part of them, with constant weights.
 
     Parameters
     ----------
-    model : at its values.
-    text : what takes equations of motion only, as the end of a sentence.
+    model : the model, at its values.
+    text : what requires equations of motion, as the end of a sentence.
 
     Raises
     ------
-    BadInput : it is nothing of the kind.
+    BadInput : the model has none.
     """
     raise BadInput(f"{model.name} is no model of motion{text}.")
 

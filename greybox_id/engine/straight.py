@@ -13,17 +13,17 @@ from .graph import FUNCTIONS, LOGIC, OPERATORS, SELECT, SLOW, TESTS, Graph, Leaf
 from .idle import idle_without
 
 PIECE = 500
-"""Statements that make one C function."""
+"""Statements per C function."""
 
 
 @dataclass(frozen=True)
 class Result:
-    """Where a result of a function goes.
+    """Destination of a function's result.
 
     Attributes
     ----------
-    name : the array in C that takes its nonzeros.
-    conditions : what must hold in C for each nonzero to be wanted; "" always. None: all are.
+    name : C array for its nonzeros.
+    conditions : for each nonzero, the C condition under which it is stored; "" always. None: all always.
     """
 
     name: str
@@ -32,9 +32,9 @@ class Result:
 
 @dataclass(frozen=True)
 class _Statement:
-    """Computes a value or, with a target, stores it there; on a condition, if that is not empty.
+    """Computes a value or, with a target, stores it there; under a condition, if that is not empty.
 
-    Where it only matters while a parameter is not zero, that is the parameter's place.
+    `unless_zero` : index of a parameter without which (zero, and no derivative by it wanted) the value has no effect.
     """
 
     value: int
@@ -50,21 +50,21 @@ def straight_line(
     known: Sequence[str] = (),
     refining: AbstractSet[int] = frozenset(),
 ) -> str:
-    """C functions `name_fixed(p, w)` and `name(z, s, p, w, results..., told...)`, on vectors of lanes.
+    """C functions `name_fixed(p, w)` and `name(z, s, p, w, results..., known...)`, on vectors of lanes.
 
     Parameters
     ----------
     function : SX function (z, s, p) -> results, of which the nonzeros are computed.
-    results : where they go; what is not wanted is left as it was.
-    known : C declarations of further arguments, which the conditions are about.
-    refining : parameters whose terms are left out while they are zero.
+    results : destinations; entries whose condition is false are left unchanged.
+    known : C declarations of further arguments, which conditions refer to.
+    refining : indices of parameters whose terms are skipped while they are zero.
 
     Returns
     -------
-    The text, with `NAME_KEPT` defined as the length of w, in which `name_fixed` leaves what `name` needs.
+    The C text, with `NAME_KEPT` defined as the length of w, in which `name_fixed` leaves values for `name`.
     """
     graph, numbers = traced(function, ("z", "s", "p"), "p")
-    stores: dict[int, list[tuple[str, str]]] = {}  # value -> where it goes and on what condition
+    stores: dict[int, list[tuple[str, str]]] = {}  # value -> its destinations and their conditions
     for result, values in zip(results, numbers, strict=True):
         for k, (value, condition) in enumerate(zip(values, result.conditions or [""] * len(values), strict=True)):
             stores.setdefault(value, []).append((f"{result.name}[{k}]", condition))
@@ -83,7 +83,7 @@ def straight_line(
 
 
 def _function(name: str, arguments: Sequence[str], pieces: Sequence[str]) -> str:
-    """C function that is made of pieces, each a function itself."""
+    """A C function that calls its pieces, each a function too."""
     call = ", ".join(argument.split()[-1].strip("*") for argument in arguments)
     text = [
         f"static NOINLINE void {name}_{k}({', '.join(arguments)})\n{{\n{piece}\n}}" for k, piece in enumerate(pieces)
@@ -95,7 +95,7 @@ def _function(name: str, arguments: Sequence[str], pieces: Sequence[str]) -> str
 def _statements(
     graph: Graph, stores: Mapping[int, Sequence[tuple[str, str]]], refining: AbstractSet[int]
 ) -> tuple[list[_Statement], list[_Statement]]:
-    """What is done before the segments and what in each, in order."""
+    """Statements before the segments, and those of each segment, in order."""
     operations = graph.operations()
     conditions = [{condition for _, condition in stores.get(k, ())} for k in range(len(graph.values))]
     for k in reversed(operations):
@@ -113,7 +113,7 @@ def _statements(
             condition = next(iter(conditions[k])) if len(conditions[k]) == 1 else ""
             result.append(_Statement(k, condition=condition, unless_zero=None if condition else idle.get(k)))
         result += [_Statement(k, target, condition) for target, condition in stores.get(k, ())]
-    # what is always done comes first: the conditional parts build on it, and not on each other
+    # unconditional statements come first: the conditional parts depend on them, and not on each other
     return [_Statement(k) for k in operations if graph.fixed[k]], sorted(
         result, key=lambda statement: statement.condition
     )
@@ -124,12 +124,12 @@ def _cut(statements: Sequence[_Statement]) -> list[Sequence[_Statement]]:
 
 
 class _Writer:
-    """Writes statements in C; a value that is used in another piece than its own goes through the array w.
+    """Writes statements in C; a value used in another piece than its own is passed through the array w.
 
     Attributes
     ----------
     pieces : bodies of C functions.
-    kept : place in w of the values that go through it.
+    kept : index in w of the values that pass through it.
     """
 
     def __init__(self, graph: Graph, pieces: Sequence[Sequence[_Statement]], acts: str) -> None:
@@ -159,7 +159,7 @@ class _Writer:
         return "\n".join(f"    {line}" for line in lines)
 
     def _where_it_acts(self, statements: Sequence[_Statement], parameter: int, piece: int) -> list[str]:
-        """What is zero while a parameter is."""
+        """Statements whose values are set to zero while a parameter does not act."""
         values = [statement.value for statement in statements]
         return [
             f"v {', '.join(f'v{k} = splat(0)' for k in values)};",
@@ -179,7 +179,7 @@ class _Writer:
         value = self.graph.values[k]
         assert not isinstance(value, Leaf)
         if value.op in TESTS or value.op in LOGIC:
-            # the mask is what most tests are for; the compiler drops the number where nobody asks for it
+            # most tests are used as masks only; the compiler then drops the number
             operands = [(self._name if value.op in TESTS else self._mask)(source, piece) for source in value.sources]
             return (
                 f"const m m{k} = {(TESTS | LOGIC)[value.op].format(*operands)}; const v v{k} = where(m{k}, splat(1));"
@@ -203,7 +203,7 @@ class _Writer:
         return f"v{k}" if self.home[k] == piece else f"w[{self.kept[k]}]"
 
     def _mask(self, k: int, piece: int) -> str:
-        """Where a value counts as true: anything but zero, NaN included."""
+        """Mask of the lanes in which a value is true: not zero, NaN included."""
         value = self.graph.values[k]
         tested = not isinstance(value, Leaf) and (value.op in TESTS or value.op in LOGIC)
         return f"m{k}" if tested and self.home[k] == piece else f"({self._name(k, piece)} != splat(0))"

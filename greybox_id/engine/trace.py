@@ -1,15 +1,15 @@
 """From equations to functions: a model traced once, symbolically, with CasADi.
 
-Tracing a discrete map with memory splits it, without the model's author noticing, into three stages
+Tracing splits a discrete map with memory, without the author's help, into three stages
 
-    z_k = stage(u_k, p)                  what the windows look at, one sample at a time
+    z_k = stage(u_k, p)                  signals that the windows look at, one sample at a time
     h_k = sum_i W_i(p) z_{k-L+i}         the windows: finite impulse responses
-    y_{k+1} = head(h_k, u_k, p)          what becomes of them
+    y_{k+1} = head(h_k, u_k, p)          outputs
 
 so that a sample shared by twenty windows is evaluated once, not twenty times, and every derivative is a
 sparse piece of one of the three.
 
-Calling a model's equations with symbols, with a sentence where they cannot be traced: they may be anybody's own.
+`called` evaluates any model's equations on symbols, and explains why they cannot be traced: users write them too.
 """
 
 from __future__ import annotations
@@ -35,23 +35,23 @@ from .elements import Actuation, namespace
 from .virtual import SampledFunction
 
 KINDS = {"x": "state", "u": "input", "p": "parameter"}
-"""What the namespaces of equations hold."""
+"""Contents of the namespaces that equations read."""
 
 
 def called(
     model: Model, equations: Callable[..., Any], spaces: Mapping[str, Namespace], *arguments: object
 ) -> dict[str, Any]:
-    """What equations give, by name.
+    """Evaluate equations on symbols: name -> expression.
 
     Parameters
     ----------
-    model : whose equations these are.
-    equations : to be called with the arguments.
+    model : the model they belong to.
+    equations : called with the arguments.
     spaces : letter -> namespace that they read: x states, u inputs, p parameters.
 
     Raises
     ------
-    BadModel : they read a name that there is not, branch on a symbol, or give no mapping of names.
+    BadModel : they read an unknown name, branch on a symbol, or return no mapping of names.
     """
     with tracing(model, spaces):
         one = equations(*arguments)
@@ -65,7 +65,7 @@ def called(
 
 @contextmanager
 def tracing(model: Model, spaces: Mapping[str, Namespace]) -> Iterator[None]:
-    """Say what goes wrong in equations, of a model or of its effects, as `BadModel`."""
+    """Turn exceptions in the equations of a model or of its effects into `BadModel`."""
     try:
         yield
     except GreyboxError:
@@ -76,7 +76,7 @@ def tracing(model: Model, spaces: Mapping[str, Namespace]) -> Iterator[None]:
 
 
 def must_be_numbers(model: Model, expressions: Mapping[str, Any], symbols: list[Any]) -> None:
-    """Raise `BadModel` where an expression holds NaN, as it does where a function of `math` was given a symbol."""
+    """Raise `BadModel` if an expression contains NaN, the result of a `math` function of a symbol."""
     names = [name for name, value in expressions.items() if _holds_nan(value, symbols)]
     if names:
         raise BadModel(
@@ -109,7 +109,7 @@ def _reason(model: Model, error: Exception, spaces: Mapping[str, Namespace]) -> 
 
 
 def _line(trace: TracebackType | None) -> str:
-    """The place in the equations' own file; nothing inside this package."""
+    """The last traceback line in the equations' file; lines inside this package are ignored."""
     result = ""
     package = str(Path(__file__).parents[1])
     while trace is not None:
@@ -125,12 +125,12 @@ Columns = slice | Index
 
 @dataclass(frozen=True)
 class SparseFunction:
-    """Nonzeros of a Jacobian as a function of one sample, with where they stand.
+    """Nonzeros of a Jacobian as a function of one sample, and their positions.
 
     Attributes
     ----------
-    nonzeros : CasADi function of the same arguments as the stage it belongs to.
-    row, column : (nnz,) place of each nonzero.
+    nonzeros : CasADi function of the same arguments as the differentiated stage.
+    row, column : (nnz,) position of each nonzero.
     constant : whether the nonzeros do not depend on the parameters.
     """
 
@@ -142,18 +142,17 @@ class SparseFunction:
 
 @dataclass(frozen=True)
 class WindowWeights:
-    """The weights of one window as parameters.
+    """Dependence of one window's weights on the parameters.
 
     Attributes
     ----------
-    places : which nonzeros of `Trace.weights_by_p` are of this window.
-    lags : the sample of the window that each acts on.
-    columns : the parameters among them.
-    at : the same to index by, a slice where they follow each other.
-    among : the place of each nonzero's parameter among those.
-    order : where each parameter is the weight of one sample, parameters and samples in the same order: sorts the
-        nonzeros so; else None.
-    samples : the samples in that order, to index by; all without an order.
+    places : indices of this window's nonzeros in `Trace.weights_by_p`.
+    lags : for each of them, the sample of the window that the weight multiplies.
+    columns : the distinct parameters among them.
+    at : `columns` as an index, a slice if they are consecutive.
+    among : for each nonzero, the index of its parameter in `columns`.
+    order : permutation of the nonzeros if each parameter weights one sample and both ascend together; else None.
+    samples : the samples in that order, as an index; all without an order.
     """
 
     places: Index
@@ -171,8 +170,8 @@ class Trace:
     Attributes
     ----------
     model : the model that was traced.
-    memory : number of past samples the longest window holds, the newest included.
-    tap_signal : (taps,) which stage signal each window looks at.
+    memory : samples in the longest window, the newest included.
+    tap_signal : (taps,) the stage signal of each window.
     """
 
     def __init__(self, model: MemoryModel) -> None:
@@ -200,7 +199,7 @@ class Trace:
 
     @cached_property
     def actuation(self) -> Actuation:
-        """The model's actuators, made once for all runs: every one of them is a function of CasADi's."""
+        """The model's actuators, made once for all runs, since each is a CasADi function."""
         return Actuation(self.model, self.fed_back)
 
     @cached_property
@@ -230,7 +229,7 @@ class Trace:
 
     @cached_property
     def stage_places(self) -> list[Index]:
-        """Per signal, which nonzeros of `stage_by_p` are its derivative."""
+        """Per signal, the indices of its derivative's nonzeros in `stage_by_p`."""
         return [np.flatnonzero(self.stage_by_p.row == signal) for signal in range(self.z.numel())]
 
     @cached_property
@@ -240,19 +239,19 @@ class Trace:
 
     @cached_property
     def stage_at(self) -> list[Columns]:
-        """The same to index by: slices where they follow each other."""
+        """`stage_columns` as indices: slices if they are consecutive."""
         return [tidy(columns) for columns in self.stage_columns]
 
     @cached_property
     def tap_outputs(self) -> list[list[tuple[int, int]]]:
-        """Per window, the outputs it reaches: places among the nonzeros of `head_by_h`, and outputs."""
+        """Per window, the outputs that depend on it: (index of the nonzero in `head_by_h`, output)."""
         by_h = self.head_by_h
         several = [np.flatnonzero(by_h.column == tap) for tap in range(len(self.tap_signal))]
         return [[(int(k), int(by_h.row[k])) for k in item] for item in several]
 
     @cached_property
     def tap_weights(self) -> list[WindowWeights]:
-        """Per window, its weights as parameters."""
+        """Per window, how its weights depend on the parameters."""
         result = []
         for tap in range(len(self.tap_signal)):
             places = np.flatnonzero(self.weights_by_p.row // self.memory == tap)
@@ -271,7 +270,7 @@ class Trace:
 
     @cached_property
     def head_with_slopes(self) -> SampledFunction:
-        """(h, u, p) -> y and the nonzeros of `head_by_h` and `head_by_p` side by side; what they share is made once."""
+        """(h, u, p) -> y and the nonzeros of `head_by_h` and `head_by_p`, concatenated; shared terms computed once."""
         arguments = [self.h, self.u, self.p]
         pieces = (self.head, self.head_by_h.nonzeros, self.head_by_p.nonzeros)
         several = cs.cse(cs.vertcat(*[one.function(*arguments) for one in pieces]))
@@ -284,12 +283,12 @@ class Trace:
 
     @cached_property
     def head_by_p(self) -> SparseFunction:
-        """Derivative of the outputs by the parameters, windows' results held."""
+        """Derivative of the outputs by the parameters, the windows' results fixed."""
         return self._sparse("head_by_p", self.y, self.p, [self.h, self.u, self.p])
 
     @cached_property
     def head_by_u(self) -> SparseFunction:
-        """Derivative of the outputs by the newest inputs, windows' results held."""
+        """Derivative of the outputs by the newest inputs, the windows' results fixed."""
         return self._sparse("head_by_u", self.y, self.u, [self.h, self.u, self.p])
 
     @cached_property
@@ -340,7 +339,7 @@ class Trace:
 
 
 class _Windows:
-    """Collects what the equations ask of the past, each signal once."""
+    """Collects the windows that the equations request, each signal once."""
 
     def __init__(self) -> None:
         self.signals: list[Symbol] = []
@@ -362,7 +361,7 @@ class _Windows:
 
 
 def tidy(index: Index) -> Columns:
-    """An index as a slice where it can be one: numpy then works in place instead of copying."""
+    """An index as a slice if it is consecutive: numpy then works in place instead of copying."""
     if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
         return slice(int(index[0]), int(index[0]) + len(index))
     return index

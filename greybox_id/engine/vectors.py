@@ -2,12 +2,12 @@
 over lanes, segments and sensitivities (`simulate.c`, `follow.c`, `linearise.c`).
 
 Lanes are GCC's vector type (clang has it too), as wide as the machine's registers: 8 with AVX-512, 4 with AVX2,
-else 2. Sine, cosine, arctangents, exponential and hyperbolic tangent are written here, within 2 ulp, where the
-processor multiplies and adds in one operation. Other functions come from glibc's libmvec on x86-64, whose results are
-within 4 ulp; elsewhere each lane calls the mathematical library. With AVX-512 up to four lanes that are left over run
-in vectors of four, in three quarters of the time: divisions and square roots take as long as a vector is wide.
-Infinities and NaN behave as in CasADi's virtual machine: the flags promise nothing about them. What a parameter that is
-zero multiplies is taken for zero.
+else 2. On processors with fused multiply-add, sine, cosine, arctangents, exponential and hyperbolic tangent are
+implemented here, within 2 ulp. Other functions come from glibc's libmvec on x86-64, whose results are within 4 ulp;
+elsewhere each lane calls the mathematical library. With AVX-512 up to four remaining lanes run in vectors of four, in
+three quarters of the time: divisions and square roots take time in proportion to the width.
+Infinities and NaN behave as in CasADi's virtual machine: no compiler flag assumes their absence. Products with a
+parameter that is zero count as zero.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from .idle import refinements
 from .straight import Result, straight_line
 
 WIDE, FEW = 8, 4
-"""Lanes of the widest vectors, and of those that take what they would leave half empty."""
+"""Lanes of the widest vectors, and of the narrow ones for a remainder that would leave a wide vector half empty."""
 
 
 MOST_IN_LINE = 60
-"""Calls of mathematical functions that stand in line: a single-track model in four Runge-Kutta stages has 43, and takes
-7 % less time so. A network of 64 takes 8 % more, and twice the time to compile."""
+"""Largest number of inlined calls of mathematical functions: a single-track model in four Runge-Kutta stages has 43,
+and takes 7 % less time inlined. A network of 64 takes 8 % more, and twice the time to compile."""
 
 
 @cache
 def c_of(name: str) -> str:
-    """The C that is the same for all models."""
+    """C text that is the same for all models."""
     return Path(__file__).with_name(f"{name}.c").read_text("utf-8")
 
 
 @cache
 def writers(module: str) -> str:
-    """What C that another module writes follows from, as text: it, the C beside it, and what is here."""
+    """Text that determines the C written by another module: its source, the C files beside it, and the files here."""
     here, there = Path(__file__).parent, Path(module)
     names = ("graph", "idle", "straight", "vectors")
     files = [
@@ -53,20 +53,20 @@ def writers(module: str) -> str:
 
 
 def of_lanes(*functions: cs.Function) -> str:
-    """The C of vectors of lanes, and of the mathematical functions of them that others call."""
+    """C of vectors of lanes, and of their mathematical functions; inlined unless there are too many calls."""
     calls = sum(f.instruction_id(k) in SLOW for f in functions for k in range(f.n_instructions()))
     how = "NOINLINE" if calls > MOST_IN_LINE else "INLINE"
     return f"{c_of('vectors')}\n#define IN_LINE {how}\n#if FUSED\n{c_of('functions')}#endif"
 
 
 def scratch_size(columns: int, outputs: int) -> int:
-    """Numbers that adding up normal equations in so many columns takes: rows of a batch, their product, alignment."""
+    """Length of the scratch array for accumulating normal equations: rows of a batch, their product, alignment."""
     wide = (columns + 3) // 3 * 3
     return WIDE * (1 + wide * (wide + outputs * (1 + 12 // (outputs + 1))))
 
 
 def source(value: cs.Function, slope: cs.Function) -> str:
-    """The C of a kernel; beside it stands `narrow_source`.
+    """The C of a kernel; `narrow_source` is the second file.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def source(value: cs.Function, slope: cs.Function) -> str:
 
 
 def narrow_source(value: cs.Function) -> str:
-    """The C of `simulate_few` and `follow_few`, in vectors of `FEW` lanes; none where these are the widest."""
+    """The C of `simulate_few` and `follow_few`, in vectors of `FEW` lanes; empty unless wider vectors exist."""
     simulation = re.sub(r"void (simulate|follow)\(", r"void \1_few(", _simulation(value))
     return f"#if defined __AVX512F__\n#define NARROW\n{simulation}\n#endif"
 
@@ -125,12 +125,12 @@ def _results(value: cs.Function) -> list[Result]:
 
 
 def table(name: str, entries: Sequence[int]) -> str:
-    """A table of small numbers in C."""
+    """A C table of small integers."""
     return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
 
 
 def product(name: str, sparsity: cs.Sparsity) -> str:
-    """C of a sparse matrix times Z, column by column of Z so that the result may replace it."""
+    """C of a sparse matrix times Z, column by column of Z so that the result may overwrite Z."""
     row, column = sparsity.get_triplet()
     lines = [f"const v x{j} = Z[{j} * columns + c];" for j in sorted(set(column))]
     for i in range(sparsity.size1()):

@@ -1,6 +1,6 @@
-"""The kernel's loops in CasADi's virtual machine and numpy: for models without a compiler, and for little work.
+"""The kernel's loops in CasADi's virtual machine and numpy: without a compiler, and for little work.
 
-Evaluating CasADi functions on numpy's own memory, without copying through DM.
+CasADi functions are evaluated on numpy's memory, without copying through DM.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from ..base.shorthands import Array
 
 
 class VirtualMachine:
-    """Integrates trajectories and their sensitivities; the arguments are the kernel's.
+    """Integrates trajectories and their sensitivities; the methods take the kernel's arguments.
 
     Parameters
     ----------
-    step, output : (z, s, p) -> what they give, dense.
-    step_by, output_by : (z, s, p) -> what they give, its derivative by z and that by p.
+    step, output : (z, s, p) -> z_next; y, dense.
+    step_by, output_by : the same with its derivatives by z and by p.
     """
 
     def __init__(self, step: cs.Function, output: cs.Function, step_by: cs.Function, output_by: cs.Function) -> None:
@@ -30,7 +30,7 @@ class VirtualMachine:
         self._step_by, self._output_by = _Rows(step_by), _Rows(output_by)
 
     def simulate(self, z0: Array, s: Array, p: Array, reads: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """States at the segments' starts and the end, and the readings."""
+        """States at the segments' starts and at the end, and the readings."""
         lanes, segments, states = *s.shape[:2], z0.shape[1]
         z_all = np.empty((lanes, segments + 1, states))
         y_all = np.empty((lanes, reads.sum(), self._output.sizes[0][1]))
@@ -71,9 +71,9 @@ class VirtualMachine:
 
 
 def on_arrays(function: cs.Function) -> Callable[..., list[Array]]:
-    """A function of dense matrices on numpy's arrays in place, without copies to CasADi's and back.
+    """A function of dense matrices, evaluated on numpy arrays without copying them to CasADi and back.
 
-    CasADi stores column by column what numpy stores row by row: arguments and results are transposed.
+    CasADi stores matrices by columns, numpy by rows: arguments and results are transposed.
     """
     memory, evaluate = function.buffer()
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
@@ -108,15 +108,15 @@ class _Rows:
 
 
 def _chained(by_z: Array, by_p: Array, Z: Array, columns: NDArray[np.intp]) -> Array:
-    """The derivative of what depends on z and p: by_z Z + [0 | by_p]; the factors come transposed."""
-    with np.errstate(all="ignore"):  # a trajectory that blows up says so itself
+    """Chain rule, by_z Z + [0 | by_p], for a function of z and p; both factors are passed transposed."""
+    with np.errstate(all="ignore"):  # a diverging trajectory shows in its values
         result: Array = by_z.swapaxes(1, 2) @ Z
     result[:, :, Z.shape[1] :] += by_p[:, columns].swapaxes(1, 2)
     return result
 
 
 def _blocks(lanes: int) -> Iterator[tuple[NDArray[np.intp], int]]:
-    """Which lanes go together, padded with the last one to a power of two: few mapped functions serve all."""
+    """Lanes that are evaluated together, padded to a power of two with the last one: few mapped functions serve all."""
     for start in range(0, lanes, BLOCK):
         count = min(BLOCK, lanes - start)
         size = 1 << (count - 1).bit_length()
@@ -124,9 +124,9 @@ def _blocks(lanes: int) -> Iterator[tuple[NDArray[np.intp], int]]:
 
 
 SIDE_BY_SIDE = 1024
-"""Samples whose operations are done side by side: the values between them stay in the processor's cache."""
+"""Samples per pass through the operations: intermediate values stay in the processor's cache."""
 BLOCK = 128
-"""Samples a mapped function evaluates at a time. One map serves runs of every length: making one takes CasADi
+"""Samples per evaluation of a mapped function. One map serves runs of every length: making one takes CasADi
 milliseconds, as long as evaluating a run."""
 
 
@@ -146,7 +146,7 @@ NUMPY: dict[int, Callable[..., Any]] = {
     cs.OP_LOG1P: np.log1p, cs.OP_POW: np.power, cs.OP_CONSTPOW: np.power, cs.OP_ATAN2: np.arctan2,
     cs.OP_HYPOT: np.hypot, cs.OP_FMOD: np.fmod,
 }  # fmt: skip
-"""CasADi's operations in numpy. A comparison gives a number, since conditions are multiplied and added."""
+"""CasADi's operations in numpy. A comparison returns a number, since conditions are multiplied and added."""
 _FROM_ARGUMENT, _TO_RESULT, _CONSTANT = (object() for _ in range(3))
 _MOVES = {cs.OP_INPUT, cs.OP_OUTPUT, cs.OP_CONST}
 
@@ -154,9 +154,9 @@ _MOVES = {cs.OP_INPUT, cs.OP_OUTPUT, cs.OP_CONST}
 class SampledFunction:
     """A CasADi function with dense vector arguments and one dense vector result, evaluated row by row.
 
-    `function(a, b)` takes (n, size) arrays, one row per sample, or (size,) arrays that hold for all samples,
-    and returns (n, outputs). Many samples go through its operations side by side, in numpy; few through CasADi's
-    `map`, on numpy's own memory, which is some twenty times faster than going through `DM`.
+    `function(a, b)` takes (n, size) arrays, one row per sample, or (size,) arrays for all samples, and returns
+    (n, outputs). Many samples are evaluated in numpy, one operation at a time; few in CasADi's `map`, on numpy's
+    memory, which is some twenty times faster than through `DM`.
     """
 
     def __init__(self, function: cs.Function) -> None:
@@ -167,10 +167,10 @@ class SampledFunction:
     def __call__(self, *arguments: Array) -> Array:
         """Evaluate row by row: (n, outputs)."""
         samples = max((len(a) for a in arguments if a.ndim == 2), default=0)
-        if samples == 0 and self.outputs:  # nothing varies from sample to sample
+        if samples == 0 and self.outputs:  # no argument varies from sample to sample
             return call(self.function, *arguments).reshape(1, self.outputs)
         if samples > BLOCK and self.outputs and self._side_by_side is not None:
-            result = np.empty((self.outputs, samples)).T  # each output's samples in a row, as operations give them
+            result = np.empty((self.outputs, samples)).T  # stored by outputs, as the operations produce them
             for start in range(0, samples, SIDE_BY_SIDE):
                 rows = slice(start, start + SIDE_BY_SIDE)
                 self._side_by_side([a[rows] if a.ndim == 2 else a for a in arguments], result[rows])
@@ -209,11 +209,11 @@ class SampledFunction:
 
 
 class _Operations:
-    """The operations of an SX function, each done for many samples at once.
+    """The operations of an SX function, each evaluated for many samples at once.
 
     Parameters
     ----------
-    function : with one dense result, of operations that `NUMPY` knows.
+    function : with one dense result, and only operations in `NUMPY`.
     """
 
     def __init__(self, function: cs.Function) -> None:
@@ -234,7 +234,7 @@ class _Operations:
 
     @staticmethod
     def suit(function: cs.Function) -> bool:
-        """Whether a function has no other operations than `NUMPY` knows."""
+        """Whether a function has only operations in `NUMPY`."""
         return bool(function.is_a("SXFunction")) and all(
             function.instruction_id(k) in NUMPY or function.instruction_id(k) in _MOVES
             for k in range(function.n_instructions())
@@ -257,10 +257,10 @@ class _Operations:
 
 
 def call(function: cs.Function, *arguments: Array) -> Array:
-    """The first result of a function, as of `on_arrays`, flat."""
+    """The first result of a function, flat, as `on_arrays` evaluates it."""
     return on_arrays(function)(*arguments)[0].ravel()
 
 
 def _padded(rows: Array) -> Array:
-    """The last rows of a run, filled up to a block with copies of the last one."""
+    """The last rows of a run, padded to a block with copies of the last one."""
     return np.concatenate([rows, np.repeat(rows[-1:], BLOCK - len(rows), axis=0)])
