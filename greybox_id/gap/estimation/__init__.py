@@ -1,6 +1,6 @@
-"""Hypotheses about recordings: a bench that simulates them, what is known beforehand, model error, noise, refits.
+"""Estimation behind a diagnosis: simulation of recordings, priors, model error, noise, and refits of hypotheses.
 
-A hypothesis is a model with some effects at magnitudes of their own, beside nuisances that have priors (tolerances,
-starts, forces that no equation knows). `preparing` lays all candidates over recordings at once, `bench` simulates,
-`model_error` and `noise` say what residuals count, and `refit` finds each hypothesis' best on them.
+A hypothesis is a model with some effects at given magnitudes, beside nuisances that have priors (tolerances, starts of
+runs, unknown forces). `preparing` builds the model with all candidates, `bench` simulates it over the recordings,
+`model_error` and `noise` whiten the residuals, and `refit` optimises hypotheses.
 """

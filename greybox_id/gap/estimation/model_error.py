@@ -36,12 +36,12 @@ LEAST = 1e-12
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """How large model error and noise are.
+    """Sizes of model error and of noise.
 
     Attributes
     ----------
-    share_y, share_x : of the lateral force of an axle, of the longitudinal force.
-    floor_y, floor_x : m/s^2, beside that.
+    share_y, share_x : sd of the unknown force over the lateral force of an axle, over the longitudinal force.
+    floor_y, floor_x : m/s^2, sd of the unknown forces over the mass where these forces vanish.
     memory_y, memory_x : s, correlation times.
     noise : (channels,) standard deviations of white noise.
     colour : (channels,) standard deviations of the slow part of readings' errors.
@@ -60,13 +60,13 @@ class Amplitudes:
 
     @property
     def logarithms(self) -> Array:
-        """All of them, as they are estimated."""
+        """(amplitudes,) logarithms of all of them, in which they are estimated."""
         six = (self.share_y, self.share_x, self.floor_y, self.floor_x, self.memory_y, self.memory_x)
         return np.asarray(np.log(np.concatenate([six, self.noise, self.colour, [self.memory]])))
 
     @staticmethod
     def of(logarithms: Array) -> Amplitudes:
-        """Back from their logarithms."""
+        """Amplitudes from their logarithms."""
         value = np.exp(logarithms)
         n = (len(value) - 7) // 2
         share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in value[:6])
@@ -87,14 +87,14 @@ class Believed:
 
 
 def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedModelError]) -> Believed:
-    """What is believed of model error before a recording was looked at.
+    """Prior of model error and noise, before a recording is examined.
 
     Parameters
     ----------
     noise : (channels,) standard deviations, stated or estimated.
     told : whether they were stated.
     exact : whether the equations' numbers are stated without tolerances.
-    stated : "F_y", "F_x" -> what a vehicle file states of it; what it does not is as of any vehicle.
+    stated : "F_y", "F_x" -> what a vehicle file states of its model error; the rest is as of any vehicle.
     """
     entry = CAL
     form = entry.form_exact if exact else entry.form
@@ -119,19 +119,20 @@ def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedM
 
 @dataclass(frozen=True)
 class Linearised:
-    """Equations of errors about a simulation, S segments of all runs one behind the other.
+    """Error dynamics linearised about a simulation: S segments of all runs, one after the other.
 
     Attributes
     ----------
-    A, B : (S, n, n), (S, n, forces) what a segment makes of errors of the n states that matter, and of unknown forces.
-    C, D : (S, channels, n), (S, channels, forces) how readings see them.
+    A, B : (S, n, n), (S, n, forces) transition over a segment, from errors of the n states kept and from unknown
+        forces.
+    C, D : (S, channels, n), (S, channels, forces) output matrices of these errors and of unknown forces.
     length : (S,) s.
-    force : (S, forces) size of the force that each unknown one is a share of, N.
+    force : (S, forces) size of the modelled force that each unknown one is a share of, N.
     axis : (forces,) 0 for lateral ones, 1 for longitudinal ones.
     mass : kg.
     start : (n,) variance of the states where runs begin.
     first : (S,) whether a run begins.
-    pointer : (S + 1,) where the readings of each segment begin.
+    pointer : (S + 1,) index of the first reading of each segment.
     row, channel : (R,) of each reading.
     """
 
@@ -151,7 +152,7 @@ class Linearised:
 
 
 class ForceSizes:
-    """Sizes of the forces that unknown ones are shares of, along a simulation."""
+    """Sizes of the modelled forces that unknown ones are shares of, along a simulation."""
 
     def __init__(self, bench: Bench) -> None:
         trace = bench.simulator.trace
@@ -174,9 +175,9 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
     ----------
     bench : of a model with unknown forces.
     p : (parameters,).
-    noise : (channels,) with which the starts of runs are read.
+    noise : (channels,) standard deviations of the readings at which runs start.
     sizes : of the same bench.
-    more : parameters by which segments are differentiated besides: columns of B and D behind those of forces.
+    more : indices of further parameters to differentiate by: columns of B and D behind those of the forces.
     """
     model, simulator = bench.model, bench.simulator
     names = [parameter.name for parameter in model.parameters]
@@ -223,10 +224,10 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
 
 
 def _that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
-    """States that errors reach, and from which they reach readings: others need not be followed."""
+    """(n,) whether errors reach a state, and it reaches readings; other states need not be followed."""
     moves, seen = np.any(A != 0, axis=0), np.any(C != 0, axis=(0, 1))
     reached = np.any(B != 0, axis=(0, 2))
-    reached |= np.arange(len(reached)) < min(3, len(reached))  # starts are uncertain
+    reached |= np.arange(len(reached)) < min(3, len(reached))  # the starts of these are uncertain
     for _ in range(len(reached)):
         reached = reached | np.any(moves & reached[None, :], axis=1)
         seen = seen | np.any(moves & seen[:, None], axis=0)
@@ -235,11 +236,11 @@ def _that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class ModelError:
-    """Model error and noise of these amplitudes, about one simulation: how residuals are whitened.
+    """Whitening of residuals by a Kalman filter of model error and noise, about one simulation.
 
     Attributes
     ----------
-    about : errors about that simulation.
+    about : error dynamics about that simulation.
     amplitudes : of model error and noise.
     usable : (N, channels) readings that count.
     gain, size : (R, n), (R,) of the filter: its gains, and standard deviations of its innovations.
@@ -253,7 +254,7 @@ class ModelError:
 
     @property
     def readings(self) -> int:
-        """How many innovations count."""
+        """Number of readings that count."""
         return len(self.size)
 
     @property
@@ -263,12 +264,12 @@ class ModelError:
 
     @cached_property
     def _laid(self) -> tuple[Array, Array, Array]:
-        """Scale, fade and slow of the one lane there is."""
+        """Scale, fade and slow of `laid`, for the single lane here."""
         scale, fade, slow, *_ = laid(self.about, [self.amplitudes])
         return scale[..., 0].copy(), fade[..., 0].copy(), slow[..., 0].copy()
 
     def white(self, values: Array) -> Array:
-        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
         value, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
         one = np.zeros((n * channels, more))
         innovations(
@@ -280,7 +281,7 @@ class ModelError:
 
 
 def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
-    """The filter for these amplitudes; of the readings only those that are usable count."""
+    """The filter for these amplitudes; only usable readings count."""
     kept = _only(about, usable)
     gain, size = np.empty((len(kept.row), _size(kept, amplitudes))), np.empty(len(kept.row))
     lane = laid(kept, [amplitudes])
@@ -294,11 +295,11 @@ def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bo
 def estimated(
     about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = CAL.amplitude_steps
 ) -> Amplitudes:
-    """The amplitudes that make residuals most probable, with their prior.
+    """The amplitudes of highest posterior density, given residuals.
 
     Parameters
     ----------
-    about : errors about the simulation that left the residuals.
+    about : error dynamics about the simulation that left the residuals.
     residuals : (N, channels).
     usable : (N, channels).
     prior : of the amplitudes.
@@ -318,7 +319,7 @@ def estimated(
         at[free] = x
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
-        lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
+        lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # four fill a register
         each = laid(kept, [Amplitudes.of(lane) for lane in lanes])
         nll = likelihood(
             kept.A, kept.B, kept.C, kept.D, *each[:5], kept.start, kept.first, kept.pointer, kept.channel, each[5],
@@ -350,7 +351,7 @@ def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
 
 
 def _first(about: Linearised, most: int) -> Linearised:
-    """The beginnings of runs, so many segments in all."""
+    """The first segments of each run, about `most` in all."""
     count = len(about.first)
     if count <= most:
         return about
@@ -380,16 +381,16 @@ def _coloured(about: Linearised, amplitudes: Amplitudes) -> NDArray[np.intp]:
 
 
 def laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
-    """Amplitudes as the filter takes them, for each of L lanes.
+    """Arrays that the filter takes amplitudes as, for each of L lanes.
 
     Returns
     -------
     scale : (S, forces, L) standard deviation of the unknown forces, N.
-    fade : (S, forces, L) what is left of them after a segment.
+    fade : (S, forces, L) factor by which they decay over a segment.
     slow : (S, colours, L) the same of readings' slow errors.
-    white : (channels, L) variances.
-    colour : (colours, L) variances.
-    channels : (colours,) whose slow errors these are.
+    white : (channels, L) variances of white noise.
+    colour : (colours, L) variances of slow errors.
+    channels : (colours,) channel of each slow error.
     """
     y = about.axis == 0
     floor = np.array([[lane.floor_y / 2, lane.floor_x] for lane in lanes]).T * about.mass

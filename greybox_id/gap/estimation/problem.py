@@ -1,8 +1,8 @@
-"""Everything that may move, in one problem: tolerances, every effect's magnitude, second parameters, starts of runs.
+"""The joint problem: tolerances, magnitudes and second parameters of all effects, and starts of runs, in one state.
 
-A state says where each of them is. About it the problem is linear and Gaussian: whitened residuals, and one column for
-each coordinate. What small magnitudes of abrupt effects do, how runs start, and whether a reading just precedes its
-row's command enter to first order alone.
+About a state the problem is linear and Gaussian: whitened residuals, and one column of derivatives per coordinate.
+Three kinds of coordinates enter to first order alone, without being simulated: small magnitudes of abrupt effects,
+starts of runs, and whether a reading just precedes its row's command.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .form import rough_curves
 from .noise import Whitener
 
 LEAST_ZONE = 1e-4
-"""Of its usual size, the zone of a cause where equations are exact: small enough to be none."""
+"""Least zone (sd of the spike) of a cause over its usual size: stands for zero where equations are exact."""
 RIDGE = 1e-10
-"""On the diagonal of matrices scaled to ones: what rounding leaves of a direction that nothing is known of."""
+"""Added to the diagonal of matrices that are scaled to a unit diagonal: rounding in directions without information."""
 FORM = "form_"
-"""Begins the names of errors of form by regime."""
+"""Prefix of the names of model-form errors: relative errors of a force by driving regime."""
 
 
 def inverse(H: Array) -> Array:
-    """Of a positive definite matrix, whose scales may be far apart and whose directions may be alike."""
+    """Inverse of a positive definite matrix that may be badly scaled and nearly singular."""
     unit = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
     scaled = np.linalg.inv(H * unit[:, None] * unit + RIDGE * np.eye(len(H)))
     result: Array = scaled * unit[:, None] * unit
@@ -39,15 +39,16 @@ def inverse(H: Array) -> Array:
 
 @dataclass(frozen=True)
 class JointState:
-    """Where everything is.
+    """Coordinates of everything that is estimated.
 
     Attributes
     ----------
-    theta : (tolerances,) coordinates, where curves are mixed for this roughness.
+    theta : (tolerances,) coordinates; those of tyre curves are the ones of `rough_curves` at the present model-error
+        scale.
     m : (causes,) coordinates of magnitudes.
-    seconds : of every cause, coordinates of all its second parameters.
-    form : of every cause, which of its forms.
-    on : (causes,) whether it is simulated at its magnitude; gradual ones without second parameters always are.
+    seconds : of each cause, coordinates of all its second parameters.
+    form : of each cause, the index of its form.
+    on : (causes,) whether a cause is simulated at its magnitude; gradual ones without second parameters always are.
     """
 
     theta: Array
@@ -58,17 +59,18 @@ class JointState:
 
 
 class Linear(NamedTuple):
-    """The problem about a state.
+    """The problem linearised about a state: R whitened residuals, K coordinates.
 
     Attributes
     ----------
-    columns : (R, 1 + K) whitened, side by side: residuals, then tolerances, causes, second parameters of those that
-        are on, first-order ones.
-    at, mean, low, high : (K,) where coordinates are, are believed, and may be.
-    sd : (K,) of beliefs; of causes their zones.
-    cause : (K,) of magnitudes and second parameters, whose they are; else -1.
-    main : (K,) whether it is a cause's magnitude.
-    moved : (K,) whether simulations have it; else it enters to first order alone, and stays where it is.
+    columns : (R, 1 + K) whitened, in one array: the residuals, then their derivatives by tolerances, causes, second
+        parameters of causes that are `on`, and first-order coordinates.
+    at, mean, low, high : (K,) present values, prior means and bounds of the coordinates.
+    sd : (K,) prior standard deviations; of magnitudes the zones.
+    cause : (K,) of magnitudes and second parameters, the index of their cause; else -1.
+    main : (K,) whether a coordinate is a cause's magnitude.
+    moved : (K,) whether a coordinate is simulated; else it enters to first order alone, and a step does not change it
+        in the state.
     """
 
     columns: Array
@@ -93,13 +95,13 @@ class Linear(NamedTuple):
 
 
 class JointProblem:
-    """One recording, or several, and all that may explain them.
+    """Recordings, and everything that may explain them.
 
     Parameters
     ----------
-    bench : what simulates.
-    tolerances : beliefs that a file states, and errors of form; no zones of indifference.
-    causes : what may be there.
+    bench : simulates the recordings.
+    tolerances : nuisances with stated priors, and model-form errors; no zones of indifference.
+    causes : effects that may be present.
     good : (N, channels) readings that count.
     """
 
@@ -125,10 +127,10 @@ class JointProblem:
         self._slopes = dict[int, Array]()
         self.roughly(1.0)
 
-    # ---- what is believed
+    # ---- priors
 
     def roughly(self, factor: float, state: JointState | None = None) -> JointState | None:
-        """Believe curves and forms to be so many times as rough as usual; the state moves along."""
+        """Scale the priors of curves and form errors by `factor`; the state keeps its parameters' values."""
         before = None if state is None else self._parameters(state.theta)
         axes = [replace(a, sd=a.sd * factor, scale=a.scale * factor) if a.name.startswith(FORM) else a
                 for a in self._stated]  # fmt: skip
@@ -144,7 +146,7 @@ class JointProblem:
         return np.asarray(self.theta_mean + self.mix @ (theta - self.theta_mean))
 
     def begin(self) -> JointState:
-        """Nothing but what is believed."""
+        """The state at the prior means; abrupt causes are at their nulls."""
         forms = [each.forms[0] for each in self.causes]
         return JointState(
             self.theta_mean.copy(),
@@ -157,7 +159,7 @@ class JointProblem:
     # ---- simulation
 
     def vector(self, state: JointState) -> Array:
-        """The parameter vector."""
+        """The parameter vector of a state."""
         p = self.nominal.copy()
         for axis, x in zip(self.tolerances, self._parameters(state.theta), strict=True):
             p[axis.index] = axis.value(float(x))
@@ -173,7 +175,7 @@ class JointProblem:
             p[axis.index] = axis.value(float(x))
 
     def residuals(self, P: Sequence[Array]) -> Array:
-        """(K, N, channels) predictions minus readings; zero where there is none."""
+        """(K, N, channels) predictions minus readings; zero where no reading counts."""
         if not len(P):
             return np.zeros((0, *self.bench.measured.shape))
         self.simulations += len(P)
@@ -187,12 +189,12 @@ class JointProblem:
     def linearise(
         self, state: JointState, whitener: Whitener, look: bool, precision: Array
     ) -> tuple[JointState, Linear]:
-        """The problem about a state.
+        """Linearise about a state.
 
         Parameters
         ----------
-        look : whether causes that are not there are looked at from all their starts; the best of each is kept.
-        precision : (causes,) of beliefs about magnitudes, for that.
+        look : whether causes that are not simulated are probed from all their starts; the best start of each is kept.
+        precision : (causes,) prior precisions of magnitudes, for choosing these starts.
         """
         state = self._as_looked_at(state)
         p = self.vector(state)
@@ -208,7 +210,7 @@ class JointProblem:
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
         requested: list[tuple[Array, float]] = [(p, 1.0)]
-        shifted = dict[int, Array]()  # of what moves in time, to either side
+        shifted = dict[int, Array]()  # of delays: the vectors below, by place among those requested
         for k in ons:
             if self.causes[k].main.shift:
                 below, above, step = self._about(p, state, k)
@@ -233,7 +235,7 @@ class JointProblem:
             requested.append((q, cause.forms[f].starts[s][0] - cause.main.null))
         e = self.residuals([*(q for q, _ in requested), *shifted.values()])
         e, before = e[: len(requested)], dict(zip(shifted, e[len(requested) :], strict=True))
-        slopes = e[1:]  # in the same memory
+        slopes = e[1:]  # a view
         for place, (slope, (_, step)) in enumerate(zip(slopes, requested[1:], strict=True), 1):
             slope -= before.get(place, e[0])
             slope /= step
@@ -273,7 +275,7 @@ class JointProblem:
         return self.causes[k].forms[state.form[k]]
 
     def _beside(self, p: Array, state: JointState, k: int) -> tuple[Array, float]:
-        """A vector beside a cause that is there, and how far."""
+        """A vector with the magnitude of a simulated cause moved a little, and the step by which it is."""
         cause, m = self.causes[k], float(state.m[k])
         size = max(abs(m - cause.main.null), 0.3 * cause.usual)
         step = 0.02 * size
@@ -284,10 +286,10 @@ class JointProblem:
         return q, step
 
     def _about(self, p: Array, state: JointState, k: int) -> tuple[Array, Array, float]:
-        """Vectors half a row to either side of a delay that is there, or as far as it is one, and how far apart.
+        """Vectors half a row below and above a simulated delay, less far where it is shorter, and their distance.
 
-        One to one side alone says what would be a row later: a step that follows it may lead uphill, and all else stays
-        where it is as well.
+        A difference to one side alone describes what would be a row later: a step that follows it may raise the cost,
+        and is then refused together with the steps of all other coordinates.
         """
         axis, m = self.causes[k].main, float(state.m[k])
         half = min(max(0.5 * self.bench.sample_time, 0.05 * (m - axis.null)), CAL.within_delay * (m - axis.null))
@@ -297,31 +299,33 @@ class JointProblem:
         return below, above, max(end - start, CAL.shifted)
 
     def _starts(self, state: JointState, k: int, look: bool) -> list[tuple[int, int]]:
-        """From where a cause that is not there is looked at."""
+        """(form, start) pairs from which a cause that is not simulated is probed."""
         if look or k not in self._looking:
             return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
         return [self._looking[k]]
 
     def _precisions(self, whitener: Whitener, seconds: Sequence[tuple[int, int, Axis]], jumps: int) -> Array:
-        """Of beliefs about what is no magnitude: tolerances, second parameters, first-order ones."""
+        """Prior precisions of all coordinates but magnitudes: tolerances, second parameters, first-order ones."""
         sds = [*self.theta_sd, *(axis.sd for _, _, axis in seconds), *self._of_starts(whitener),
                *[CAL.jumps_sd] * jumps, *(axis.sd for axis in self.shifts)]  # fmt: skip
         return np.asarray(1 / np.array(sds) ** 2)
 
     def _of_starts(self, whitener: Whitener) -> list[float]:
+        """Prior standard deviations of the states at the starts of runs: those of the readings that they start at."""
         channel = [self.bench.channels.index(self.bench.model.states[k].name) for k in self.bench.loose]
         return [float(whitener.stationary_sd[c]) for _ in self.bench.runs for c in channel]
 
     def _seen(
         self, state: JointState, starts: Sequence[tuple[int, int, int]], columns: Array, beside: Array, known: Array
     ) -> JointState:
-        """The state with every cause that is not there looked at from where it explains most beside all else.
+        """The state with each cause that is not simulated at the start from which it explains most beside all else.
 
         Parameters
         ----------
-        columns : (R, C) whitened: residuals first, those of the starts last.
-        beside : what else there is of them.
-        known : of that, precisions of beliefs.
+        starts : (cause, form, start) of each probe.
+        columns : (R, C) whitened: residuals first, those of the probes last.
+        beside : indices of the columns of all else.
+        known : prior precisions of the latter.
         """
         looked, products = self._looking, columns.T @ columns
         each = np.arange(columns.shape[1] - len(starts), columns.shape[1])
@@ -344,7 +348,7 @@ class JointProblem:
         return self._as_looked_at(state)
 
     def _as_looked_at(self, state: JointState) -> JointState:
-        """The state with causes that are not there in the form in which they are looked at."""
+        """The state with causes that are not simulated in the form and at the start of their best probe."""
         seconds, forms = list(state.seconds), list(state.form)
         for k, (f, s) in self._looking.items():
             if not state.on[k]:
@@ -385,7 +389,7 @@ class JointProblem:
         )  # fmt: skip
 
     def formed(self, state: JointState, k: int, form: int) -> JointState:
-        """A state with a cause in one of its forms, switched off; it begins at the form's first start."""
+        """The state with a cause in one of its forms, not simulated, and probed from the form's first start."""
         if form == state.form[k]:
             return state
         self._looking[k] = (form, 0)
@@ -394,11 +398,11 @@ class JointProblem:
         return self._as_looked_at(replace(state, on=on))
 
     def forget(self) -> None:
-        """Forget what causes that are not there would do: it was taken elsewhere."""
+        """Drop kept columns of causes that are not simulated: they were taken about another state."""
         self._slopes.clear()
 
     def moved(self, state: JointState, x: Array, on: Mask) -> JointState:
-        """A state at coordinates of `Linear`; causes that are switched on begin there."""
+        """The state at coordinates `x` of `Linear`, with the causes `on` simulated at their magnitudes there."""
         nt, E = len(self.tolerances), len(self.causes)
         m = np.clip(np.where(self.smooth | on, x[nt : nt + E], self.null), self.low, self.high)
         seconds, place = [list(second) for second in state.seconds], nt + E
@@ -412,12 +416,12 @@ class JointProblem:
 
 
 def _by(p: Array, axes: Sequence[Axis]) -> Array:
-    """(axes,) derivative of parameters by their coordinates."""
+    """(axes,) derivatives of parameters by their coordinates."""
     return np.array([p[axis.index] if axis.relative else 1.0 for axis in axes])
 
 
 def _limited(values: Array) -> Array:
-    """Values no larger than `CAL.far`, in the same memory; none where there is no number."""
+    """Clip values to +- `CAL.far` in place; NaN becomes zero."""
     np.clip(values, -CAL.far, CAL.far, out=values)
     if np.isnan(np.sum(values)):
         values[np.isnan(values)] = 0.0
@@ -425,7 +429,7 @@ def _limited(values: Array) -> Array:
 
 
 def _at_start(form: Form, s: int) -> tuple[float, ...]:
-    """Second parameters at one of a form's starts; those of its candidate where it has none."""
+    """Second parameters at one of a form's starts; their means or held values where it has none."""
     if form.starts:
         return form.starts[s][1:]
     return tuple(axis.mean if axis.low < axis.high else axis.low for axis in form.candidate.axes[1:])

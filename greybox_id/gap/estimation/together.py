@@ -1,9 +1,9 @@
-"""Every cause at once: all coordinates of a problem are refitted together, while model error is annealed.
+"""The joint search: all coordinates of a problem, every cause's among them, are refitted while model error is annealed.
 
-Model error begins several times as large as is usual, so that at first only what is large and alike everywhere moves;
-details come last. Each stage is a hypothesis of its own: how rough the equations are, and which causes are there then;
-they are compared by their marginal likelihoods, so that equations that are rough by several per cent, and no name, may
-win. What a recording does not want falls to its zone by itself (`sparse`).
+Model error begins several times its usual size, so that at first only large and steady deviations move coordinates;
+details come last. Each stage is a hypothesis of its own: a scale of model error, and the set of causes included at it.
+Stages are compared by their marginal likelihoods, so that model error of several per cent without any cause may win.
+Causes that a recording does not support shrink to their zones by evidence maximisation (`sparse`).
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from .steps import DampedSteps
 
 @dataclass(frozen=True)
 class JointStage:
-    """What explains the recordings if equations are so rough.
+    """The best explanation of the recordings at one scale of model error.
 
     Attributes
     ----------
-    rough : times as rough as usual.
-    state : where everything is.
-    there : (causes,) the set of causes.
-    whitener : of its model error.
-    squares : the problem about the state.
-    sets : scores of sets there.
-    form : logarithm of what its model error is worth before readings.
+    rough : model error over its usual size.
+    state : coordinates.
+    there : (causes,) inclusion mask.
+    whitener : of this model error.
+    squares : normal equations about the state.
+    sets : scores of inclusion masks about the state.
+    form : log prior density of the model error, less the sum of the logarithms of its innovations' sds.
     """
 
     rough: float
@@ -50,24 +50,24 @@ class JointStage:
 
     @property
     def explains(self) -> float:
-        """Logarithm of the evidence of its causes in its model error."""
+        """Log evidence of its causes, given its model error."""
         return self.sets.base + self.sets.score(self.there)
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the marginal likelihood, with the odds of what it believes; none where it spins."""
+        """Log marginal likelihood with priors of model error and causes; -inf where simulations diverge."""
         value = self.form + self.explains
         return value if np.isfinite(value) else -np.inf
 
 
 class JointWhitening:
-    """How residuals are whitened, by how rough equations are taken to be.
+    """How residuals are whitened at a given scale of model error.
 
     Parameters
     ----------
-    problem, sd, prior : bench, noise, belief about model error.
-    forces : whether the model has unknown forces; else by the colour of what is left.
-    trust : as how many readings one counts.
+    problem, sd, prior : the problem, noise of the channels, prior of model error.
+    forces : whether the model has unknown forces; else residuals are whitened as autoregressive processes.
+    trust : how many independent readings one counts as.
     """
 
     def __init__(self, problem: JointProblem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
@@ -76,20 +76,24 @@ class JointWhitening:
         self._sizes = ForceSizes(self._bench) if self._bench is not None else None
 
     def about(self, p: Array) -> Linearised | None:
-        """Errors about a simulation with these parameters."""
+        """Error dynamics about the simulation with these parameters; None without unknown forces."""
         if self._bench is None or self._sizes is None:
             return None
         return linearised(self._bench, p, self.sd, self._sizes)
 
     def usual(self, about: Linearised | None, rough: float) -> Whitener:
-        """Of equations that are so many times as rough as usual."""
+        """Whitening by model error `rough` times its usual size."""
         if about is None:
             return white_noise(self.sd * rough / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
         return model_error(about, scaled(self.prior.median, rough), self.problem.good)
 
     def left(self, about: Linearised | None, e: Array, least: bool = True) -> Whitener:
-        """Of what is left; where effects are weighed, no smaller than usual: small extras would live on that."""
-        if not np.all(np.isfinite(e)):  # simulations that spin leave nothing to tell it by
+        """Whitening by the model error that residuals `e` show.
+
+        With `least`, it is no smaller than usual: where causes are weighed, too small a model error would favour small
+        spurious ones.
+        """
+        if not np.all(np.isfinite(e)):  # diverging simulations say nothing about model error
             return self.usual(about, 1.0)
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
@@ -98,24 +102,24 @@ class JointWhitening:
 
 
 def scaled(value: Amplitudes, by: float) -> Amplitudes:
-    """Model error so many times as large."""
+    """Model error `by` times as large."""
     return replace(value, share_y=value.share_y * by, share_x=value.share_x * by, floor_y=value.floor_y * by,
                    floor_x=value.floor_x * by)  # fmt: skip
 
 
 def at_least(amplitudes: Amplitudes, least: Amplitudes) -> Amplitudes:
-    """Model error no smaller than that, sensors as they are."""
+    """Model error no smaller than `least`; noise of sensors as it is."""
     names = ("share_y", "share_x", "floor_y", "floor_x", "memory_y", "memory_x")
     return replace(amplitudes, **{name: max(getattr(amplitudes, name), getattr(least, name)) for name in names})
 
 
 class JointSearch:
-    """The search.
+    """The joint search.
 
     Parameters
     ----------
-    problem, whitening : what is explained, and how it counts.
-    tell : of progress.
+    problem, whitening : what is explained, and how its residuals are whitened.
+    tell : receives progress.
     """
 
     def __init__(self, problem: JointProblem, whitening: JointWhitening, tell: Callable[..., None]) -> None:
@@ -130,13 +134,13 @@ class JointSearch:
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
 
     def by_steps(self, stride: float) -> JointSearch:
-        """The search by steps of another length at most, in standard deviations and usual sizes."""
+        """The search with steps of at most `stride` prior sds of parameters and usual sizes of causes."""
         other = copy(self)
         other.steps = DampedSteps(self.problem, stride)
         return other
 
     def annealed(self) -> list[JointStage]:
-        """Every stage, roughest first."""
+        """The stage of each scale of model error, largest first."""
         problem, result = self.problem, list[JointStage]()
         problem.roughly(1.0)
         problem.forget()
@@ -158,11 +162,11 @@ class JointSearch:
         return result
 
     def explained(self, best: JointStage) -> JointStage:
-        """The best stage, where forms are believed to be as rough as unknown forces are found to be.
+        """The best stage at the scale of model error that its unknown forces show.
 
-        What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
-        beside these. Where equations are much rougher than usual, no name at all is tried, too, from where all is
-        believed to be.
+        Errors that unknown forces absorb, random in time, indicate model-form errors of the same scale, which are
+        constant: priors of the latter are widened to it, and causes must gain beside these. Where model error is much
+        larger than usual, the stage without any cause, from the prior means, is tried too.
         """
         for _ in range(CAL.as_rough_again):
             rough = self._as_rough(best)
@@ -174,7 +178,7 @@ class JointSearch:
                 self.problem.roughly(1.0)
                 result.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
             again = max(result, key=lambda item: item.evidence)
-            if not np.isfinite(again.evidence):  # curves of forms so rough leave the range of numbers
+            if not np.isfinite(again.evidence):  # with such form errors, tyre curves overflow
                 break
             best = again
         self.problem.roughly(best.rough)
@@ -183,8 +187,8 @@ class JointSearch:
     def exchanged(self, stage: JointStage) -> JointStage:
         """The stage with abrupt causes exchanged for others that act alike, where these explain more.
 
-        Of delays, lags, limits and plays first order tells little: each that is there was the best of them where
-        nothing was known yet. The others are refitted in its place.
+        First order says little about delays, lags, limits and plays: each that is included was the best of them when
+        all else was still unfitted. The others are therefore refitted in its place.
         """
         better = stage
         for k in (int(abrupt) for abrupt in np.flatnonzero(stage.there & ~self.problem.smooth)):
@@ -195,7 +199,7 @@ class JointSearch:
                 swap[k], swap[j] = False, True
                 formed = replace(better, state=self.problem.formed(better.state, j, form))
                 tried = self.refitted(formed, swap, CAL.exchange_steps, trial=True)
-                if tried.explains > better.explains:  # in the same model error
+                if tried.explains > better.explains:  # given the same model error
                     better, k = tried, j
         if better is stage:
             return stage
@@ -203,7 +207,7 @@ class JointSearch:
         return self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
 
     def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
-        """Causes whose columns point as one's does, all else refitted, in each of their forms; the nearest first."""
+        """(cause, form) pairs to replace cause k: its other forms, then causes with similar columns, nearest first."""
         causes, like = self.problem.causes, self._alike(stage)[k]
         others = [int(j) for j in np.flatnonzero(~stage.there & (like > CAL.acts_alike))]
         others = sorted(others, key=lambda j: -like[j])[: CAL.exchanged]
@@ -211,41 +215,40 @@ class JointSearch:
         return [*itself, *((j, form) for j in others for form in range(len(causes[j].forms)))]
 
     def _settled_as(self, state: JointState, there: Mask, rough: float) -> JointStage:
-        """A state where equations are so rough."""
+        """A stage settled at another scale of model error."""
         moved = self.problem.roughly(rough, state)
         self.problem.forget()
         return self.settled(moved or state, rough, self.variance(there), rounds=CAL.rounds_as_rough)
 
     def _as_rough(self, stage: JointStage) -> float:
-        """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
+        """Unknown forces over their usual size, at least one."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array, gains: Array) -> tuple[JointStage, Array]:
-        """A stage without the causes that gain less than their prices, with others that do beside the rest.
+        """Drop the causes that gain less than they must, and add those that gain enough beside the rest.
 
-        What is taken away is taken away from all of it: everything else is refitted, and linearised again where that
-        may decide.
+        Each removal refits everything else, and linearises again where that may decide.
 
         Parameters
         ----------
         prices : (causes,) log-likelihood that each must gain.
         unsteady : (causes,) how magnitudes differ between parts of the drive, see `constancy.unsteadiness`.
-        gains : (causes,) what causes gained before others left, as far as that is known. What gained far more than it
-            must is looked at again once nothing else leaves.
+        gains : (causes,) gains before other causes were dropped, zero where unknown. Those far above the required ones
+            are computed again only once no other cause is dropped.
 
         Returns
         -------
-        stage, gains : and what each of its causes gains, (causes,) zero where none is.
+        stage, gains : the stage, and what each of its causes gains, (causes,) zero for those not included.
         """
         looked, together = np.zeros(len(stage.there), dtype=bool), set[tuple[int, int]]()
-        if np.any(stage.there):  # as far as what is compared with it: without each of its causes all is refitted
+        if np.any(stage.there):  # by as many steps as the stages without one of its causes
             stage = self.refitted(stage, stage.there, CAL.exchange_steps)
         while True:
             beyond = stage.sets.beyond(stage.there)
-            if np.any(beyond):  # a step that overshot, or a size that is not there
+            if np.any(beyond):  # a step overshot, or no magnitude within the bounds fits
                 stage = self.refitted(stage, stage.there, CAL.exchange_steps)
                 beyond = stage.sets.beyond(stage.there)
             gains = np.where(beyond, 0.0, gains) if np.any(beyond) else self._gains(stage, prices, unsteady, gains)
@@ -253,7 +256,7 @@ class JointSearch:
             weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.there & ~(steady >= prices)))
             if not weak:
                 again = self.refitted(stage, stage.there, CAL.exchange_steps)
-                if again.sets.cost(again.there) < stage.sets.cost(stage.there) - CAL.enough:  # it was on its way
+                if again.sets.cost(again.there) < stage.sets.cost(stage.there) - CAL.enough:  # not converged yet
                     stage = again
                     continue
                 without = self._without_both(stage, prices, together)
@@ -268,13 +271,13 @@ class JointSearch:
             looked[weak] = True
             weak.sort(key=lambda k: steady[k] - prices[k])
             there = stage.there.copy()
-            there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
+            there[weak[: -(-len(weak) // 2)]] = False  # half of them at once
             stage = self.refitted(stage, there, CAL.exchange_steps)
 
     def _gains(self, stage: JointStage, prices: Array, unsteady: Array, before: Array) -> Array:
         """What each cause of a stage gains beside the others.
 
-        Those that gained far more than they must are asked last, and not at all where others leave anyway.
+        Gains far above the required ones are computed last, and not at all where other causes will be dropped anyway.
         """
         gains = np.where(stage.there, before, 0.0)
         far = steadily(gains, unsteady) >= CAL.doubted * prices
@@ -286,7 +289,7 @@ class JointSearch:
         return gains
 
     def _without_both(self, stage: JointStage, prices: Array, looked: set[tuple[int, int]]) -> JointStage | None:
-        """The stage without two causes that undo each other, where both gain less than they must; pairs looked at once.
+        """The stage without two causes that cancel each other and gain too little together; each pair is tried once.
 
         Each seems needed beside the other: one raises grip, the other one takes it away.
         """
@@ -298,7 +301,7 @@ class JointSearch:
             rest, price = stage.there.copy(), prices[a] + prices[b]
             rest[[a, b]] = False
             gain = stage.sets.cost(rest) - stage.sets.cost(stage.there)
-            if gradual[a] and gradual[b] and gain > CAL.doubted * price:  # as of one by itself, see `_gained`
+            if gradual[a] and gradual[b] and gain > CAL.doubted * price:  # as for a single cause, see `_gained`
                 continue
             looked.add((a, b))
             without = self.refitted(stage, rest, CAL.exchange_steps, trial=True)
@@ -308,19 +311,19 @@ class JointSearch:
 
     @staticmethod
     def _alike(stage: JointStage) -> Array:
-        """(causes, causes) cosines between what causes do, all else refitted."""
+        """(causes, causes) absolute cosines between the causes' columns, all else refitted."""
         S = stage.sets.S[np.ix_(stage.sets.main, stage.sets.main)]
         size = np.sqrt(np.maximum(np.diag(S), 1e-300))
         return np.asarray(np.abs(S) / np.outer(size, size))
 
     def _with_another(self, stage: JointStage, prices: Array, unsteady: Array, looked: Mask) -> JointStage | None:
-        """The stage with the first cause besides that gains its price once all is refitted, of those not looked at."""
+        """The stage with one more cause that gains enough once all is refitted; `looked` ones are not tried again."""
         while (new := self._worth_adding(stage, prices, looked)) is not None:
             looked[new] = True
             there, gains = stage.there.copy(), np.zeros(len(looked))
             there[new] = True
             tried = self.refitted(stage, there, trial=True)
-            if tried.sets.beyond(there)[new]:  # a step that overshot, or a size that is not there
+            if tried.sets.beyond(there)[new]:  # a step overshot, or no magnitude within the bounds fits
                 tried = self.refitted(tried, there, CAL.exchange_steps, trial=True)
             if not tried.sets.beyond(there)[new]:
                 gains[new] = self._gained(tried, new, prices[new])
@@ -329,9 +332,9 @@ class JointSearch:
         return None
 
     def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
-        """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at.
+        """The cause that gains most beside a stage's, to first order, if that is enough; `looked` ones are left out.
 
-        It may be as large as it can be at all: refits say what it is beyond where it was looked at.
+        Its magnitude may go to its bounds: a refit corrects what the secant does not hold for.
         """
         sets = stage.sets.reaching(self.problem.low, self.problem.high)
         here, best, most = sets.cost(stage.there), None, 0.0
@@ -344,11 +347,11 @@ class JointSearch:
         return best
 
     def _gained(self, stage: JointStage, k: int, price: float) -> float:
-        """What a cause gains beside the others of a stage."""
+        """Log-likelihood that a cause gains beside the others of a stage."""
         problem, there = self.problem, stage.there.copy()
         at_null = abs(stage.state.m[k] - problem.null[k]) < CAL.next_to_nothing * problem.usual[k]
         if at_null and not problem.smooth[k]:
-            return 0.0  # it is simulated, and does nothing
+            return 0.0  # simulated with no effect
         there[k] = False
         gain = stage.sets.cost(there) - stage.sets.cost(stage.there)
         gradual = problem.causes[k].gradual
@@ -356,18 +359,18 @@ class JointSearch:
             return gain
         without = self.refitted(stage, there, trial=True)
         simulated = without.sets.cost(there) - stage.sets.cost(stage.there)
-        return min(gain, simulated) if gradual else simulated  # of abrupt ones first order tells little
+        return min(gain, simulated) if gradual else simulated  # first order says little about abrupt ones
 
     def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits, trial: bool = False) -> JointStage:
         """A stage with another set of causes, everything refitted in the same model error.
 
-        On trial, abrupt causes that are not there stay as they were looked at last: they keep to their zones.
+        On trial, abrupt causes that are not included keep their last columns: they stay within their zones.
         """
         state, squares, variance = stage.state, stage.squares, self.variance(there)
         if not trial:
             self.problem.forget()
         while steps > 0:
-            about_it = not np.any(state.on & ~there & ~self.problem.smooth)  # else about what acts no more: once more
+            about_it = not np.any(state.on & ~there & ~self.problem.smooth)  # else once more, without causes that left
             state, went = self._stepped(state, squares, variance, stage.whitener, there, trial)
             state, squares = self._linear(state, stage.whitener, False, variance)
             steps -= about_it
@@ -384,14 +387,14 @@ class JointSearch:
         rounds: int = 1,
         there: Mask | None = None,
     ) -> JointStage:
-        """A stage with its best set of causes, all refitted with it, in the model error that is left.
+        """A stage with its best set of causes, all refitted with it, in the model error that its residuals show.
 
         Parameters
         ----------
-        state, rough, variance : where everything is, and what is believed.
-        whitener : of the first round; None: of what is left there.
+        state, rough, variance : coordinates, scale of model error, prior variances of magnitudes.
+        whitener : of the first round; None: of the model error that residuals at the state show.
         rounds : of refits at most.
-        there : the set of causes, where it is known.
+        there : the inclusion mask, where it is given.
         """
         known = there is not None
         if there is None:
@@ -426,7 +429,7 @@ class JointSearch:
         return form - prior - float(np.sum(np.log(whitener.size)))
 
     def variance(self, there: Mask) -> Array:
-        """(causes,) of beliefs about magnitudes where these causes are there."""
+        """(causes,) prior variances of magnitudes: of the slab for causes in the set, else of the spike."""
         spike = self.problem.zone**2
         return np.where(there, np.maximum(self.problem.usual**2, 9 * spike), spike)
 
