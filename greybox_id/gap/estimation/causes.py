@@ -1,4 +1,4 @@
-"""What may be the matter with a vehicle, each with the sizes and forms from which a search may see it."""
+"""Causes that a joint search considers, each with the forms and sizes at which it is probed."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from .preparing import usual_size
 
 @dataclass(frozen=True)
 class Form:
-    """One form of an effect: a magnitude, and second parameters that are held or have a belief.
+    """One form of an effect: a magnitude, and second parameters that are held or have a prior.
 
     Attributes
     ----------
     candidate : the effect in this form; its axes are in the coordinates that the search moves.
     seconds : second parameters that are free.
-    starts : (magnitude, second parameters ...) coordinates at which it is looked at while it is not there.
+    starts : (magnitude, second parameters ...) coordinates at which it is probed while it is not simulated.
     """
 
     candidate: Candidate
@@ -34,16 +34,16 @@ class Form:
 
 @dataclass(frozen=True)
 class PossibleCause:
-    """An effect that may be there.
+    """An effect that may be present.
 
     Attributes
     ----------
     name : of the effect.
     main : axis of its magnitude.
     forms : at least one.
-    usual : size of its magnitude where it is there, sd of the slab.
-    zone : size that nobody calls a gap, sd of the spike; zero where equations are exact.
-    gradual : whether its derivative at the null tells about it.
+    usual : usual size of its magnitude, sd of the slab.
+    zone : size that is negligible, sd of the spike; zero where equations are exact.
+    gradual : whether its derivative at the null describes larger magnitudes.
     """
 
     name: str
@@ -62,16 +62,16 @@ def causes(
     sample_time: float,
     rough: bool,
 ) -> tuple[PossibleCause, ...]:
-    """Everything that may be there.
+    """All effects of a model as causes that may be present.
 
     Parameters
     ----------
     model : with all effects at their null.
     effects : by name.
-    shifting : parameters that move instants.
-    stated : tolerances, those among them that are effects known to be there a little.
+    shifting : names of parameters on which delays or latencies depend.
+    stated : tolerances, among them effects that a file says to be present a little.
     sample_time : s.
-    rough : whether equations are: small effects are no gap then.
+    rough : whether equations are inexact: small effects are no gap then.
     """
     tolerated = {item.index: item for item in stated}
     result = dict[str, list[Candidate]]()
@@ -124,7 +124,7 @@ def _form(candidate: Candidate, usual: float) -> Form:
 
 
 def _believed(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
-    """A second parameter with a belief as wide as the values that it is tried at, and these."""
+    """A second parameter with a prior as wide as the values at which it is probed, and these values."""
     if axis.unit == "rad":
         return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
     factors = SECONDS.get(axis.unit, (1.0,))

@@ -1,4 +1,4 @@
-"""Coordinates that simulations do not have, at their best wherever a step of all others leads."""
+"""Coordinates that are not simulated, at their best for any step of all others."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from .sparse import Quadratic
 
 
 class FirstOrder:
-    """Coordinates that simulations do not have, at their best wherever a step leads.
+    """Coordinates that are not simulated, at their best for any step of all others.
 
-    Causes among them go no further than they would without being simulated: columns that were taken elsewhere would
-    make up for whatever a simulation does.
+    Causes among them go no further than they may without being simulated: columns that were taken elsewhere would make
+    up for whatever a simulation changes.
 
     Parameters
     ----------
-    squares, prec : the problem, and beliefs.
-    switched_at : (causes,) how far off one is that simulations have.
-    switched : (causes,) those that simulations have from this step on.
+    squares, prec : normal equations and prior precisions about the state.
+    switched_at : (causes,) distance from the null beyond which a cause is simulated.
+    switched : (causes,) those that are simulated from this step on.
 
     Attributes
     ----------
-    low, high : (K,) how far a step of all coordinates may go, so that it goes where these are at their best.
+    low, high : (K,) bounds of a step of all coordinates, so that these stay within their range.
     """
 
     def __init__(self, squares: Quadratic, prec: Array, switched_at: Array, switched: Mask) -> None:
         linear = squares.about
         here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
-        reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
+        reach = np.append(switched_at, np.inf)[linear.cause[here]]  # no limit for what is no cause (-1)
         self._A, self._here, self._prec, self._off = linear.A, here, prec[here], (linear.at - linear.mean)[here]
         self.low, self.high = linear.low - linear.at, linear.high - linear.at
         self.low[here] = np.maximum(self.low[here], -reach - self._off)
@@ -38,7 +38,7 @@ class FirstOrder:
         self._H = squares.G[np.ix_(here, here)] + np.diag(self._prec)
 
     def left(self, R: Array) -> Array:
-        """(n,) what is left of residuals, (R, n), with the charge."""
+        """(n,) squares of residuals, (R, n), and of the prior that are left with these coordinates at their best."""
         slopes = (self._A.T @ R)[self._here] + (self._prec * self._off)[:, None]
         least, free = self._off @ (self._prec * self._off), np.ones(len(slopes), dtype=bool)
         steps = [least_within(self._H, g, *self._within, free) for g in slopes.T]

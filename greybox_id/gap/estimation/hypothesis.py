@@ -1,4 +1,4 @@
-"""The words of a diagnosis' search: hypotheses, and where refits of them start."""
+"""Hypotheses of a diagnosis, and starts from which they are refitted."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .axes import Axis, Candidate
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Some candidates at the magnitudes that explain the recording best.
+    """Some candidates at the magnitudes that explain the recordings best.
 
     Attributes
     ----------
     candidates : those that are present.
-    m : their coordinates, in the order of their axes.
+    m : (m,) their coordinates, in the order of their axes.
     theta : coordinates of the nuisances that move nonlinearly.
-    linear : of those that enter to first order.
-    cost : negative log-likelihood with beliefs, up to a constant.
+    linear : coordinates of those that enter to first order.
+    cost : negative log posterior density, up to a constant.
     e : (N, channels) residuals, prediction minus reading.
     J : (N, channels, m) their derivative by m.
     """
@@ -36,12 +36,12 @@ class Hypothesis:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The effects'."""
+        """The candidates' effects."""
         return tuple(candidate.effect for candidate in self.candidates)
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Of all candidates."""
+        """Axes of all candidates."""
         return tuple(axis for candidate in self.candidates for axis in candidate.axes)
 
     @property
@@ -54,7 +54,7 @@ class Hypothesis:
         return next((item.axes[0], at.start) for item, at in self.parts if item.effect == effect)
 
     def only(self, effects: Collection[str]) -> Hypothesis:
-        """Some of its effects, where they stand in it; what that costs is not known yet."""
+        """Some of its effects at their present coordinates; the cost is not known yet."""
         places = [k for item, at in self.parts if item.effect in effects for k in range(at.start, at.stop)]
         candidates = tuple(candidate for candidate in self.candidates if candidate.effect in effects)
         return replace(self, candidates=candidates, m=self.m[places], J=self.J[:, :, places], cost=np.inf)
@@ -67,7 +67,7 @@ def parts_of(candidates: Sequence[Candidate]) -> list[tuple[Candidate, slice]]:
 
 
 def by_cost(hypothesis: Hypothesis) -> float:
-    """What hypotheses are put in order by, best first."""
+    """Key by which hypotheses are sorted, best first."""
     return hypothesis.cost
 
 
@@ -79,10 +79,9 @@ class Start:
     ----------
     candidates : of the hypothesis.
     m, theta, linear : coordinates.
-    origin : a hypothesis without the last candidate, and the coordinates at which the whole equals it: a start that
-        explains less is drawn back towards it. None where there is no way back.
-    slopes : (N, channels, k) derivatives of residuals by the first k coordinates, from near there; zero by those by
-        which they are not known.
+    origin : a hypothesis without the last candidate, and the coordinates at which the whole one equals it: a start that
+        explains less is drawn back towards it. None: no such hypothesis is known.
+    slopes : (N, channels, k) derivatives of residuals by the first k coordinates, taken nearby; zero where not known.
     """
 
     candidates: tuple[Candidate, ...]

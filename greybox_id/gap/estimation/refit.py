@@ -16,11 +16,11 @@ from .hypothesis import Hypothesis, Start, parts_of
 from .search import Search
 
 CALL = min(WIDTHS)
-"""Simulations that a call makes in the time of one, where there is one run."""
+"""Simulations that a call makes in the time of one, where the recordings are a single run."""
 
 
 def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) -> list[Hypothesis]:
-    """Refit hypotheses side by side, in their order; those that have no finite residuals are left out.
+    """Refit hypotheses side by side, in their order; those without finite residuals are omitted.
 
     Parameters
     ----------
@@ -35,13 +35,13 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
 
 
 def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
-    """So many steps of hypotheses, side by side."""
+    """Advance hypotheses side by side, by at most `steps` steps each."""
     for item in work:
         item.left = steps
     while active := [item for item in work if item.left > 0 and not item.done]:
         target = [item.wanted() for item in active]
         room = -sum(len(each) for each in target) % CALL if len(search.bench.runs) == 1 else 0
-        for k, item in enumerate(active):  # a call takes as long for fewer
+        for k, item in enumerate(active):  # a call that is not full takes as long
             if item.looks_beside(room):
                 target[k] = item.wanted()
                 room -= len(target[k]) - 1
@@ -61,7 +61,7 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
 
 
 def with_slopes(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Hypotheses with derivatives taken where they are: what their magnitudes' spreads and widths are told by."""
+    """Hypotheses with derivatives taken at their coordinates, for the sds and spreads of their magnitudes."""
     work = [_Work(search, replace(search.start_of(item), slopes=None)) for item in hypothesises]
     target = [item.wanted() for item in work]
     edges = np.cumsum([0, *(len(each) for each in target)])
@@ -74,11 +74,10 @@ def with_slopes(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypo
 
 
 def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
-    """A hypothesis whose nuisances are linearised about where they are until they move no more.
+    """A hypothesis refitted, its nuisances linearised about their estimates each time, until its cost falls no more.
 
-    They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
-    derivatives taken there: what they then miss would pass for a gap. Derivatives that lead astray, as those of what
-    spins do, are not kept.
+    Derivatives taken at the prior means are near enough unless a gap is small against the tolerances: what they then
+    miss would pass for a gap. A linearisation after which the cost rises, as where the vehicle spins, is discarded.
     """
     for _ in range(again_at_most if search.moving or search.shifts else 0):
         place = search.place()
@@ -94,7 +93,7 @@ def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) 
 
 
 def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]:
-    """Hypotheses, or better ones with a delay of whole rows: there likelihoods have steps, which stop refits."""
+    """Hypotheses, or better ones with a delay of whole rows: likelihoods jump there, which stops refits."""
     better, owners, work = list(hypothesises), [], []
     for at, item in enumerate(hypothesises):
         for start in _whole_rows(search, item):
@@ -112,7 +111,7 @@ def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]
 
 
 def _whole_rows(search: Search, hypothesis: Hypothesis) -> list[Start]:
-    """A hypothesis with a delay of it at the whole rows that are nearest, and just beyond them if it is below."""
+    """Starts with one of a hypothesis' delays at the nearest whole row, and just beyond it if the delay is below."""
     starts, step = [], search.bench.sample_time
     for k, axis in enumerate(hypothesis.axes):
         whole = step * float(np.round(hypothesis.m[k] / step))
@@ -126,9 +125,13 @@ def _whole_rows(search: Search, hypothesis: Hypothesis) -> list[Start]:
 
 @dataclass(frozen=True)
 class _Slopes:
-    """Derivatives of residuals by the coordinates that move, and where they were taken.
+    """Derivatives of residuals by the coordinates that move.
 
-    The same whitened, and the products of that with itself and with what nuisances do.
+    Attributes
+    ----------
+    m : coordinates at which they were taken.
+    plain, white : (N, channels, moving), (N channels, moving) derivatives, and the same whitened.
+    gram, cross : products of the whitened ones with themselves, and of the nuisances' columns with them.
     """
 
     m: Array
@@ -139,10 +142,10 @@ class _Slopes:
 
 
 class _Work:
-    """One hypothesis on its way.
+    """The refit of one hypothesis, step by step.
 
-    What a simulation beside it tells of a coordinate is kept as long as that moves little, and steps gain what it
-    foretells; delays, whose readings jump with rows, are looked at everywhere.
+    A derivative is kept as long as its coordinate moves little and steps gain what was predicted; those by delays, at
+    which readings jump with rows, are taken anew at every point.
     """
 
     def __init__(self, search: Search, start: Start) -> None:
@@ -168,7 +171,7 @@ class _Work:
             self._begin_at(*start.origin)
 
     def _begin_at(self, origin: Hypothesis, m: Array) -> None:
-        """Take the start for a step from the origin, which may be shortened."""
+        """Treat the start as a step from its origin, which may be shortened."""
         nothing = np.zeros((*origin.e.shape, len(m)))
         self.best = Hypothesis(self.candidates, m, origin.theta, origin.linear, origin.cost, origin.e, nothing)
         self._origin = m
@@ -176,18 +179,18 @@ class _Work:
         self._step = there - np.concatenate([origin.theta, origin.linear, m])
 
     def _knows(self, k: int) -> bool:
-        """Whether a derivative was given with the start."""
+        """Whether the start came with this derivative."""
         return self._given is not None and k < self._given.shape[2] and bool(np.any(self._given[:, :, k]))
 
     def looks_beside(self, room: int) -> bool:
-        """Whether it has derivatives taken where it stands although it need not, by no more simulations than that."""
+        """Whether it takes derivatives at its point although none are due: in at most `room` simulations."""
         if self._beside_too or not 0 < len(self._moving) <= room:
             return False
         self._beside_too, self._asked = True, self._moving
         return True
 
     def wanted(self) -> list[Array]:
-        """Parameter vectors to simulate: where it stands, and beside it if derivatives are wanted."""
+        """Parameter vectors to simulate: its point, and one beside it for each derivative that is due."""
         m, theta, _ = self.at
         search = self.search
         p = search.placed(search.moved(theta), self.axes, m)
@@ -199,7 +202,7 @@ class _Work:
         return result
 
     def _beside(self, axis: Axis, at: float) -> float:
-        """How far beside; a shift does not cross a row, where readings jump."""
+        """Step of a finite difference; that of a delay does not cross a row, where readings jump."""
         if not axis.shift:
             step = max(CAL.beside * axis.scale, CAL.beside * abs(at))
             return step if at + step <= axis.high else -step
@@ -208,11 +211,11 @@ class _Work:
         return -CAL.shifted if crosses and at >= CAL.shifted else CAL.shifted
 
     def values(self, e: Array, more: Array) -> Array:
-        """(N, channels, 1 or 1 + moving) residuals where it stands, and their derivatives by what moves if wanted.
+        """(N, channels, 1 or 1 + moving) residuals at its point, and their derivatives by moving coordinates, if due.
 
         Parameters
         ----------
-        e : (K, N, channels) of what was wanted.
+        e : (K, N, channels) residuals of the vectors of `wanted`.
         more : (N, channels) that linear nuisances add.
         """
         m = self.at[0]
@@ -227,18 +230,18 @@ class _Work:
         return result
 
     def take(self, values: Array, white: Array, cross: Array) -> None:
-        """Simulations have come back: `values` of them, the same whitened, and times what nuisances do."""
+        """Take up `values` that were simulated, the same whitened, and the nuisances' columns times these."""
         slopes = values[:, :, 1:]
         sane = bool(np.all(np.isfinite(slopes)))
         fresh = None
         if self._beside_too and sane:
             value = white[:, 1:].copy()
-            gram = value.T @ value  # a motion that spins has slopes whose squares no number holds
+            gram = value.T @ value  # overflows where the vehicle spins
             if np.all(np.isfinite(gram)):
                 fresh = _Slopes(self.at[0], slopes.copy(), value, gram, cross[:, 1:].copy())
         if self._renews:
             self._renews = False
-            if fresh is None or self.best is None:  # beside it, it spins: no step leads on
+            if fresh is None or self.best is None:  # the vehicle spins beside this point: no step leads on
                 self.done = True
                 return
             self._slopes = fresh
@@ -254,17 +257,17 @@ class _Work:
         self._lead_on(white[:, 0], cross[:, 0])
 
     def _derivatives(self, shape: tuple[int, ...]) -> Array:
-        """(N, channels, axes) derivatives as they are known."""
+        """(N, channels, axes) derivatives as last taken; zero where none were."""
         return np.zeros((*shape, len(self.axes))) if self._slopes is None else self.over_axes(self._slopes.plain)
 
     def over_axes(self, moving: Array) -> Array:
-        """(N, channels, axes) of what belongs to the coordinates that move; zero by those that do not."""
+        """(N, channels, axes) from (N, channels, moving): zero for coordinates that are held."""
         J = np.zeros((*moving.shape[:2], len(self.axes)))
         J[:, :, self._moving] = moving
         return J
 
     def _worn(self) -> bool:
-        """Whether derivatives are to be taken anew where it stands: they are of elsewhere, or foretold otherwise."""
+        """Whether derivatives have to be taken anew: coordinates moved too far, or a gain was not as predicted."""
         if not self._moving:
             return False
         if self._slopes is None:
@@ -281,17 +284,17 @@ class _Work:
         return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._foretold
 
     def _renew(self) -> None:
-        """Have derivatives taken where the best so far is."""
+        """Request derivatives at the best point so far."""
         assert self.best is not None
         self.at = (self.best.m, self.best.theta, self.best.linear)
         self._beside_too, self._renews, self._asked = True, True, self._moving
 
     def _improves(self, e: Array, r: Array, sane: bool, fresh: _Slopes | None) -> bool:
-        """Whether this is the best so far, and better by enough to go on; else it steps less far, or ends."""
+        """Whether its point is the best so far by enough to go on; else the step is shortened, or the refit ends."""
         search, (m, theta, linear) = self.search, self.at
         off = np.concatenate([theta, linear]) - search.means
         cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.beliefs(self._own) @ off)
-        if not (np.isfinite(cost) and sane):  # it spins: no place to stay
+        if not (np.isfinite(cost) and sane):  # the vehicle spins here
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
             self._beside_too = self._everywhere or self._slopes is None
@@ -313,11 +316,11 @@ class _Work:
         return not self.done
 
     def _lead_on(self, r: Array, pull: Array) -> None:
-        """Step from the best so far.
+        """Step from the best point so far.
 
         Parameters
         ----------
-        r, pull : its residuals, whitened, and times what nuisances do.
+        r, pull : its residuals, whitened, and the nuisances' columns times these.
         """
         search, (_, theta, linear) = self.search, self.at
         u, precision = np.concatenate([theta, linear]), search.beliefs(self._own)
@@ -330,7 +333,7 @@ class _Work:
             whole[places, 0] = self._slopes.white.T @ r
             whole[np.ix_(places, places)] = self._slopes.gram
             whole[1 : 1 + count, places], whole[places, 1 : 1 + count] = self._slopes.cross, self._slopes.cross.T
-        if not np.all(np.isfinite(whole)):  # beside it, it spins: no step leads on
+        if not np.all(np.isfinite(whole)):  # the vehicle spins beside this point: no step leads on
             self.done = True
             return
         self._share, self._here = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
@@ -348,7 +351,7 @@ class _Work:
         return least_within(H, g, low, high, free, CAL.ridge)
 
     def _go(self) -> None:
-        """Step from the best so far, if that is expected to gain anything."""
+        """Take the step, shortened as it is by now, unless it is expected to gain next to nothing."""
         assert self.best is not None
         assert self._step is not None
         n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
@@ -361,10 +364,10 @@ class _Work:
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
     def _back(self, rise: float) -> None:
-        """The step was too long: the cost rose by so much.
+        """Shorten the step, after which the cost rose by `rise`.
 
-        Where it led away from the origin, another one is taken from there. Elsewhere what shapes curves goes less far
-        first, and everything else as far as it then would.
+        A step to the start from its origin is given up for the origin once it is short. Elsewhere the coordinates that
+        shape tyre curves are bounded more tightly first, and the step is solved for again.
         """
         if self._here is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
             self._stride = CAL.shy
@@ -372,10 +375,10 @@ class _Work:
             self._go()
             return
         shorter = self._share / 3
-        steps = self._everywhere  # likelihoods of delays have them at rows: no parabolas
+        steps = self._everywhere  # likelihoods of delays jump at rows: no parabola fits
         if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
             slope = -self._share * float(self._here[1] @ self._step)
-            least = slope / (2 * (rise + slope))  # share of it where a parabola has its least
+            least = slope / (2 * (rise + slope))  # share of it at the parabola's minimum
             if least >= CAL.shortened and 0.5 * least * slope < self._least:
                 self.done = True
                 return

@@ -1,9 +1,8 @@
 """What hypotheses are refitted on: a bench, nuisances with their derivatives, and noise that whitens residuals.
 
 Nuisances move little: their derivatives are taken once, about the best model so far, and kept (chords). A hypothesis
-then costs a few simulations: one where it stands, and one beside it for each magnitude where these have moved. What
-shifts nuisances move in time, abrupt ones and starts enter to first order only: about where none of them is, lags about
-where they were found.
+then costs a few simulations: one at its coordinates, and one beside them for each magnitude that has moved. Delays,
+other abrupt nuisances and starts of runs enter to first order only: delays about no delay, lags about their estimates.
 """
 
 from __future__ import annotations
@@ -26,21 +25,22 @@ from .problem import inverse
 
 
 class Search:
-    """What hypotheses about one bench are weighed by.
+    """Simulation, priors and whitening on which hypotheses are refitted.
 
     Parameters
     ----------
-    bench : what simulates.
-    nuisances : what is believed.
-    colour : how residuals count.
-    trust : as how many readings one counts: less than one where equations are rough, whatever noise says.
-    rough : times as rough as usual, that curves of tyres are.
+    bench : simulates the recordings.
+    nuisances : parameters with priors.
+    colour : whitens residuals.
+    trust : how many independent readings one counts as: less than one where model error outlasts a row, whatever the
+        noise.
+    rough : errors of tyre curves over their usual size.
 
     Attributes
     ----------
-    nominal : the parameter vector everything is about.
+    nominal : the parameter vector about which nuisances are linearised.
     expanded : (shifts,) coordinates about which abrupt nuisances are linearised.
-    simulations : how many were asked for; the bench remembers some.
+    simulations : how many were requested; the bench remembers some.
     """
 
     def __init__(
@@ -59,15 +59,15 @@ class Search:
         self.colour, self.trust = colour, trust
         self._by = np.zeros((*bench.measured.shape, len(self.moving)))
 
-    # ---- what everything is about
+    # ---- linearisation
 
     def about(self, hypothesis: Hypothesis | None, delays: bool = True) -> None:
-        """Take the nuisances' derivatives about this hypothesis; None: about their beliefs.
+        """Linearise nuisances about a hypothesis; None: about their prior means.
 
         Parameters
         ----------
-        hypothesis : where everything is.
-        delays : whether what delays do is simulated anew; else it stays as it was about the hypothesis before.
+        hypothesis : where all coordinates are.
+        delays : whether the columns of delays are simulated anew; else they stay those of the hypothesis before.
         """
         self._expand(hypothesis)
         p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
@@ -82,13 +82,13 @@ class Search:
             if axis.shift and not delays:
                 same = [first + k, first + count + k]
                 self._by[:, :, same] = before[:, :, same]
-        if not abs(np.sum(self._by)) < CAL.far:  # where the vehicle spins, derivatives grow beyond all numbers
+        if not abs(np.sum(self._by)) < CAL.far:  # where the vehicle spins, derivatives overflow
             np.clip(np.nan_to_num(self._by, copy=False), -CAL.far, CAL.far, out=self._by)
         self._whiten()
 
     @contextmanager
     def counted(self, colour: Whitener) -> Iterator[None]:
-        """Count residuals otherwise and linearise anywhere within; all is as it was before afterwards."""
+        """Whiten residuals by `colour`, and linearise anywhere, within the context; afterwards all is as before."""
         before, kept = self.place(), self.colour
         self.recoloured(colour)
         try:
@@ -98,11 +98,11 @@ class Search:
             self.back(before)
 
     def place(self) -> dict[str, object]:
-        """Everything that it is about, for `back`."""
+        """The linearisation as it is, for `back`."""
         return {**vars(self), "nominal": self.nominal.copy(), "expanded": self.expanded.copy()}
 
     def back(self, place: dict[str, object]) -> None:
-        """Be about what it was about then, in the noise of now."""
+        """Return to a linearisation, whitened as now."""
         now, counted = self.colour, self.simulations
         vars(self).update(place)
         self.simulations = counted
@@ -110,7 +110,7 @@ class Search:
             self.recoloured(now)
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
-        """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""
+        """Linearise lags, plays and limits about a hypothesis; delays stay at none, and cut no segments."""
         for k, axis in enumerate(self.shifts):
             at = axis.null
             if hypothesis is not None and not axis.shift and not axis.narrow:
@@ -119,9 +119,9 @@ class Search:
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
     def _secants(self, p: Array, target: Sequence[bool], result: Array) -> None:
-        """What abrupt nuisances do: per unit, then at once, put into (N, channels, 2 shifts), from where they are.
+        """Columns of abrupt nuisances about `expanded`, (N, channels, 2 shifts): per unit, then for the least size.
 
-        Zero for those that are not wanted.
+        They are put into `result`, zero for those that are not in `target`.
         """
         result[:] = 0.0
         p = self.placed(p, self.shifts, self.expanded)
@@ -141,17 +141,17 @@ class Search:
                 result[:, :, len(self.shifts) + k] = one - e[0]
 
     def recoloured(self, colour: Whitener) -> None:
-        """Count residuals otherwise."""
+        """Whiten residuals by another colour."""
         self.colour = colour
         self._whiten()
 
     def trusting(self, trust: float) -> None:
-        """Let every reading count as so many."""
+        """Let every reading count as `trust` independent ones."""
         self.trust = trust
         self._whiten()
 
     def weighed(self, values: Array) -> Array:
-        """Residuals or their derivatives, (N, channels, ...), as they count: half their squares are log-likelihood."""
+        """Residuals or derivatives, (N, channels, ...), whitened: half their squares are negative log-likelihood."""
         result: Array = self.colour.white(values)
         return result if self.trust == 1.0 else result * np.sqrt(self.trust)
 
@@ -172,7 +172,7 @@ class Search:
         self.gram = self.white.T @ self.white
 
     def among(self, indices: set[int]) -> NDArray[np.bool_]:
-        """Which nuisances, moving and linear, are the parameters of these indices."""
+        """(nuisances,) whether a nuisance, moving or linear, is one of the parameters of these indices."""
         moving = [axis.index in indices for axis in self.moving]
         shifts = [axis.index in indices for axis in self.shifts]
         starts = len(self.means) - len(moving) - 2 * len(shifts)
@@ -182,13 +182,13 @@ class Search:
         return self.bench.channels.index(self.bench.model.states[state].name)
 
     def at_means(self) -> Hypothesis:
-        """Nothing but nuisances, where they are believed to be; not simulated yet."""
+        """No candidate, and nuisances at their prior means; not simulated yet."""
         count, shape = len(self.moving), self.bench.measured.shape
         nothing, empty = np.zeros(shape), np.zeros((*shape, 0))
         return Hypothesis((), np.empty(0), self.means[:count], self.means[count:], np.inf, nothing, empty)
 
     def at_values(self, values: Mapping[str, float]) -> Hypothesis:
-        """The same with moving nuisances where parameters have these values, as far as they reach."""
+        """The same with moving nuisances at these values of their parameters, as far as bounds allow."""
         believed = self.at_means()
         means = believed.theta
         there = [
@@ -200,7 +200,7 @@ class Search:
         return replace(believed, theta=np.clip(theta, self.low[:count], self.high[:count]))
 
     def values(self, hypothesis: Hypothesis) -> dict[str, float]:
-        """Where parameters are that moving nuisances move."""
+        """Values of the parameters that moving nuisances stand for."""
         p = self.vector(hypothesis)
         return {axis.name: float(p[axis.index]) for axis in self.moving}
 
@@ -217,14 +217,14 @@ class Search:
 
     @staticmethod
     def placed(p: Array, axes: Sequence[Axis], coordinates: Sequence[float] | Array) -> Array:
-        """A parameter vector with some axes elsewhere."""
+        """A parameter vector with some axes at these coordinates."""
         result = p.copy()
         for axis, coordinate in zip(axes, coordinates, strict=True):
             result[axis.index] = axis.value(float(coordinate))
         return result
 
     def where(self, hypothesis: Hypothesis, axis: Axis) -> float:
-        """The coordinate at which a hypothesis has an axis."""
+        """The coordinate of an axis in a hypothesis."""
         for shift, coordinate in zip(self.moving, hypothesis.theta, strict=True):
             if shift.index == axis.index:
                 return axis.coordinate(shift.value(float(coordinate)))
@@ -244,12 +244,12 @@ class Search:
         return np.asarray(by @ step).reshape(self.bench.measured.shape)
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
-        """Linear nuisances, those that are candidates now at their null: they move as candidates."""
+        """Linear nuisances with those that are candidates now at their null: they move as candidates instead."""
         value = self.among({axis.index for axis in axes})[len(self.moving) :]
         return np.where(value, self.null_linear, linear)
 
     def tolerated(self, hypothesis: Hypothesis) -> bool:
-        """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
+        """Whether one of its candidates is within its stated tolerance: it is no gap then."""
         believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
         return any(
             abs(item.coordinate(axis.value(float(at))) - item.mean) <= CAL.tolerated_sd * item.sd
@@ -264,14 +264,14 @@ class Search:
         return Start(hypothesis.candidates, hypothesis.m, hypothesis.theta, hypothesis.linear, slopes=hypothesis.J)
 
     def charge(self, hypothesis: Hypothesis) -> float:
-        """What nuisances cost, twice their negative log-belief; those that are candidates cost nothing."""
+        """Cost of the nuisances, twice their negative log prior; those that are candidates cost nothing."""
         off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
         return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
 
     def expected_charge(self, hypothesis: Hypothesis) -> float:
-        """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell.
+        """Expected `charge` if parameters are draws of their priors: how many nuisances the readings determine.
 
-        Of none at least, and of all of them at most: derivatives of what spins leave rounding beyond that.
+        At least none and at most all of them: where the vehicle spins, rounding leads beyond that.
         """
         held = ~self.among({axis.index for axis in hypothesis.axes})
         known, prior = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
@@ -279,13 +279,13 @@ class Search:
         return float(np.clip(told, 0.0, np.count_nonzero(held)))
 
     def beliefs(self, released: set[int]) -> Array:
-        """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
+        """(n, n) prior precision of the nuisances, zero for those that are candidates: tolerances do not hold these."""
         held = np.where(self.among(released), 0.0, 1.0)
         result: Array = held[:, None] * self.precision * held
         return result
 
     def residuals(self, P: Sequence[Array]) -> Array:
-        """(K, N, channels) predictions minus readings; zero where there is none."""
+        """(K, N, channels) predictions minus readings; zero where no reading counts."""
         if not len(P):
             return np.zeros((0, *self.bench.measured.shape))
         self.simulations += len(P)
@@ -293,17 +293,17 @@ class Search:
         return np.where(self.bench.counted, y - self.bench.measured, 0.0)
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
-        """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""
+        """(m, m) covariance of a hypothesis' coordinates with nuisances marginalised, if residuals are noise."""
         return self._told(hypothesis)[2]
 
     def widening(self, hypothesis: Hypothesis) -> Array:
-        """(m,) factors by which coordinates scatter more than noise has it, at least one.
+        """(m,) factors, at least one, by which coordinates scatter more than noise explains.
 
-        Where the model is rough, residuals are no noise, and stay alike for seconds: what blocks of them pull at the
-        coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
+        Errors of an inexact model stay alike for seconds: the gradients of blocks scatter more than those of noise (a
+        sandwich over blocks, after White, Econometrica 50, 1982).
         """
         W, undone, known = self._told(hypothesis)
-        W = W - self.white @ undone  # what coordinates do that nuisances cannot undo
+        W = W - self.white @ undone  # the part that nuisances cannot cancel
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
         value = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
@@ -313,7 +313,7 @@ class Search:
         return result
 
     def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
-        """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
+        """Whitened derivatives by the coordinates, nuisances' steps that cancel them, the coordinates' covariance."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         value = ~self.among({axis.index for axis in hypothesis.axes})
         cross = (plain.T @ self.white).T

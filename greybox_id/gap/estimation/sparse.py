@@ -1,8 +1,8 @@
-"""Which of many causes are there, in a linear and Gaussian problem: evidence maximisation, and scores of sets.
+"""Which of many causes are present, in a linear and Gaussian problem: evidence maximisation, and scores of sets.
 
-A cause that is there has a magnitude of its usual size (slab); one that is not lies in its zone (spike). In between,
-while a search is on its way, each has a standard deviation of its own that the recording maximises: what it does not
-want falls to its zone by itself. Sources: MacKay, Neural Computation 4, 1992; Tipping, J. Mach. Learn. Res. 1, 2001;
+A cause that is present has a magnitude of its usual size (slab), any other one lies in its zone (spike). During a
+search, each magnitude has a prior variance of its own that maximises the evidence: those that the recording does not
+support shrink to their zones. Sources: MacKay, Neural Computation 4, 1992; Tipping, J. Mach. Learn. Res. 1, 2001;
 George & McCulloch, J. Am. Stat. Assoc. 88, 1993, for the spike and slab.
 """
 
@@ -25,11 +25,11 @@ NEVER = -np.inf
 
 @dataclass(frozen=True)
 class Quadratic:
-    """A problem's squares, formed once.
+    """Normal equations of a linearised problem.
 
     Attributes
     ----------
-    about : the problem.
+    about : the linearised problem.
     G, g : (K, K), (K,) products of columns, and of columns with residuals.
     rr : sum of squared residuals.
     """
@@ -41,24 +41,24 @@ class Quadratic:
 
     @staticmethod
     def of(about: Linear) -> Quadratic:
-        """Form them."""
+        """Normal equations of a linearised problem."""
         products = about.columns.T @ about.columns
         return Quadratic(about, products[1:, 1:].copy(), products[1:, 0].copy(), float(products[0, 0]))
 
     def precision(self, variance: Array) -> Array:
-        """(K,) of all coordinates, magnitudes with these variances; second parameters as they are believed."""
+        """(K,) prior precisions of all coordinates, with these variances of magnitudes."""
         sd = self.about.sd.copy()
         sd[self.about.main] = np.sqrt(variance)
         return np.asarray(1 / np.maximum(sd, 1e-150) ** 2)
 
     def best(self, variance: Array, within: tuple[Array, Array] | None = None, damping: float | Array = 0.0) -> Array:
-        """(K,) the best coordinates within bounds.
+        """(K,) coordinates of least cost within bounds.
 
         Parameters
         ----------
-        variance : (causes,) of beliefs about magnitudes.
+        variance : (causes,) prior variances of magnitudes.
         within : (K,) and (K,) how far coordinates may go from where they are; None: to their bounds.
-        damping : (K,) precisions with which they stay where they are.
+        damping : (K,) precisions that hold coordinates where they are.
         """
         value, prec = self.about, self.precision(variance)
         low, high = within or (value.low - value.at, value.high - value.at)
@@ -66,10 +66,10 @@ class Quadratic:
         return np.asarray(value.at + least_within(H, slope, low, high, np.ones(len(H), dtype=bool)))
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
-        """(causes,) variances that maximise the evidence, within the zone and three times the usual size.
+        """(causes,) prior variances of magnitudes of most evidence, from the zone to three times the usual size.
 
-        Nor so small that magnitudes are more standard deviations off than `CAL.leaves`: before they leave, everything
-        else has to be where it belongs without them.
+        No magnitude may be more than `CAL.leaves` of these standard deviations off: before a cause leaves, everything
+        else has to be where it belongs without it.
         """
         about, main = self.about, self.about.main
         least = np.maximum(zone**2, ((about.at - about.mean)[main] / CAL.leaves) ** 2)
@@ -85,14 +85,14 @@ class Quadratic:
 
 
 class Sets:
-    """Scores of sets of causes: their evidence, all else integrated out, and the odds against each.
+    """Scores of sets of causes: log evidence with all else marginalised, and log prior odds.
 
     Parameters
     ----------
-    squares : the problem.
-    zone, usual : (causes,).
+    squares : normal equations.
+    zone, usual : (causes,) standard deviations of spike and slab.
     odds : (causes,) log-odds against each.
-    never : pairs of causes that are forms of one another.
+    never : pairs of causes that are forms of one another, and are never both in a set.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Sets:
         self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
         at_means = 0.5 * self._at_means(squares)
         self.left = at_means - 0.5 * float(d @ d)
-        if not self.left > CAL.rounding * at_means:  # of a simulation that spins rounding is left
+        if not self.left > CAL.rounding * at_means:  # only rounding is left where the vehicle spins
             self.left = np.inf
         self.base = -self.left
         self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / about.sd[rest])))
@@ -125,7 +125,7 @@ class Sets:
         self._known = dict[bytes, tuple[float, float]]()
 
     def reaching(self, low: Array, high: Array) -> Sets:
-        """The same scores where magnitudes may be as large as that, (causes,)."""
+        """The same scores with these bounds of magnitudes, (causes,) each."""
         other = copy(self)
         other.low, other.high, other._known = self.low.copy(), self.high.copy(), {}
         other.low[self.main], other.high[self.main] = low, high
@@ -142,23 +142,23 @@ class Sets:
         return np.asarray(prec)
 
     def score(self, on: Mask) -> float:
-        """Logarithm of evidence and odds of a set, (causes,)."""
+        """Log evidence and log prior odds of a set, (causes,)."""
         return self._both(on)[0]
 
     def cost(self, on: Mask) -> float:
-        """Half of the squares that a set leaves with beliefs, everything else where it is best within its bounds."""
+        """Half the squares of residuals and prior that a set leaves, all else at its best within its bounds."""
         fit = self._both(on)[1]
         if fit == NEVER and not self._excluded(on):
             fit = self._within_bounds(on)
         return self.left - fit
 
     def _within_bounds(self, on: Mask) -> float:
-        """By how much a set lowers half of the squares where no coordinate is beyond its bounds."""
+        """By how much a set lowers this cost with no coordinate beyond its bounds."""
         H, free = self.S + np.diag(self._precision(on)), np.ones(len(self.b), dtype=bool)
         low, high = np.minimum(self.low - self.mean, 0.0), np.maximum(self.high - self.mean, 0.0)
         off = least_within(H, self.b, low, high, free)
         fit = -float(self.b @ off + 0.5 * off @ H @ off)
-        return fit if 0.0 <= fit <= self.left else NEVER  # of columns of what spins rounding is left
+        return fit if 0.0 <= fit <= self.left else NEVER  # only rounding is left where the vehicle spins
 
     def _excluded(self, on: Mask) -> bool:
         return any(on[a] and on[b] for a, b in self.never)
@@ -185,18 +185,18 @@ class Sets:
         if np.any(there[value] < self.low[value] - size) or np.any(there[value] > self.high[value] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
-        if not fit <= self.left:  # columns of what spins: rounding is left of them
+        if not fit <= self.left:  # only rounding is left where the vehicle spins
             return NEVER, NEVER
         return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
 
     def beyond(self, on: Mask) -> Mask:
-        """(causes,) those of a set whose best magnitudes lie beyond their bounds."""
+        """(causes,) whether a cause is in the set and its best magnitude lies beyond its bounds."""
         there = self.sizes(on)[0]
         size = 1e-6 * np.sqrt(self.slab)
         return on & ((there < self.low[self.main] - size) | (there > self.high[self.main] + size))
 
     def sizes(self, on: Mask) -> tuple[Array, Array]:
-        """(causes,) magnitudes and their sds where a set is there; infinite ones where only rounding is left."""
+        """(causes,) magnitudes and their sds given a set; sds are infinite where only rounding is left."""
         covariance = inverse(self.S + np.diag(self._precision(on)))
         variance = np.diag(covariance)[self.main]
         return (self.mean - covariance @ self.b)[self.main], np.sqrt(np.where(variance > 0, variance, np.inf))

@@ -1,4 +1,4 @@
-"""Steps of everything at once, bounded, and damped as lowers the objective most."""
+"""Bounded steps of all coordinates of a joint problem, with the damping that lowers the objective most."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .sparse import Quadratic
 class DampedSteps:
     """Gauss-Newton steps of a problem's coordinates.
 
-    Each is tried with several dampings (Levenberg, Q. Appl. Math. 2, 1944), simulated side by side: of most
-    combinations of coordinates a recording says nothing, and where simulations bend, steps along these lead away.
+    Each is tried with several dampings (Levenberg, Q. Appl. Math. 2, 1944), simulated side by side: a recording does
+    not inform most combinations of coordinates, and where simulations are nonlinear, steps along these raise the cost.
 
     Parameters
     ----------
@@ -36,13 +36,13 @@ class DampedSteps:
     def taken(
         self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
     ) -> tuple[JointState, float]:
-        """The state a step ahead, and how far that is in standard deviations and usual sizes.
+        """The state after a step, and its length in standard deviations and usual sizes, largest over coordinates.
 
         Parameters
         ----------
-        squares : the problem about the state.
-        variance : (causes,) of the priors of magnitudes.
-        there : the set of causes, where it is known; else those that the step makes large enough to be simulated, and
+        squares : normal equations about the state.
+        variance : (causes,) prior variances of magnitudes.
+        there : the inclusion mask, where it is given; else causes that the step makes large enough to be simulated, and
             those that still are.
         """
         problem, linear, known = self.problem, squares.about, there is not None
@@ -55,7 +55,7 @@ class DampedSteps:
         on = there & ~problem.smooth
         back = replace(state, on=state.on & on) if np.any(state.on & ~on & ~problem.smooth) else state
         new, least = back, np.inf
-        for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
+        for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to converge first
             first = FirstOrder(squares, squares.precision(variance), self.switched_at, goes & ~state.on)
             within = np.maximum(first.low, -stride), np.minimum(first.high, stride)
             ahead = [
@@ -65,7 +65,7 @@ class DampedSteps:
             best = int(np.argmin(values))
             if values[best] < min(here + 1e-6, least):
                 new, least = ahead[best], values[best]
-                if known:  # what a set has is simulated as soon as that lowers its own objective
+                if known:  # causes of a given set are simulated as soon as that lowers the objective
                     break
         if new is back:
             return back, 0.0
@@ -73,13 +73,13 @@ class DampedSteps:
         return new, float(np.max(np.abs(moved) / self._usual, initial=0.0))
 
     def _dampings(self, linear: Linear) -> list[Array]:
-        """(K,) each; what is not simulated is not damped."""
+        """(K,) each: damping precisions; first-order coordinates are not damped."""
         scale = linear.sd.copy()
         scale[linear.main] = self.problem.usual
         return [np.where(linear.moved, damping / scale**2, 0.0) for damping in CAL.dampings]
 
     def _strides(self, linear: Linear) -> Array:
-        """(K,) how far coordinates go at most: farther off, simulations are not what they are to first order."""
+        """(K,) longest steps: beyond these, simulations differ from their linearisation."""
         stride = np.full(len(linear.at), np.inf)
         stride[: len(self._longest)] = self._longest
         return np.where(linear.moved, stride, np.inf)
@@ -87,7 +87,7 @@ class DampedSteps:
     def _objectives(
         self, states: Sequence[JointState], first: FirstOrder, whitener: Whitener, variance: Array
     ) -> list[float]:
-        """Half of the squares that each state leaves, with the charges of what is believed."""
+        """Half of the squares of residuals and of the prior that each state leaves."""
         residuals = self.problem.residuals([self.problem.vector(state) for state in states])
         result = [np.inf] * len(states)
         if there := [k for k, e in enumerate(residuals) if np.all(np.isfinite(e))]:

@@ -1,8 +1,8 @@
-"""Two walks through everything at once: what a search finds counts as far as another one finds it, too.
+"""Two searches by steps of different lengths: causes count as far as both agree about them.
 
-The evidence has many optima where a vehicle is far from what is stated of it. What two walks with steps of other
-lengths disagree about is then decided by where a search happened to go: a cause that is not alike in both must gain, on
-top of its price, what the walks' evidences differ by. Where they end in the same place that is nothing.
+The evidence has many optima where a vehicle is far from its stated parameters. What two such walks disagree about then
+depends on the path of the search: a cause on which they differ must gain, on top of its price, the difference of the
+walks' log evidences. That is zero where they end in the same place.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from .together import JointSearch, JointStage
 
 
 def walked(search: JointSearch) -> tuple[JointStage, Array]:
-    """The better end of one walk or two, and what causes must gain more since the walks disagree.
+    """The better end of one walk or two, and the log-likelihood that disputed causes must gain in addition.
 
-    A second one starts where the first one left what is stated: numbers that are as they are believed to be are in all
-    as many squared standard deviations off as there are of them.
+    The second walk is started where the first one moved tolerances away from their stated values: if these are right,
+    the sum of squared deviations in standard deviations is about the number of tolerances.
 
     Returns
     -------
-    stage : the stage of either walk that explains best.
-    disputed : (causes,) log-likelihood, zero for causes that both walks have alike, or neither has.
+    stage : the end of the walk with more evidence.
+    disputed : (causes,) log-likelihood; zero for causes that both walks have at one size, or neither has.
     """
     first, *others = CAL.strides
     ends = [_end(search, first)]
@@ -44,7 +44,7 @@ def _end(search: JointSearch, stride: float) -> JointStage:
 
 
 def _far_off(search: JointSearch, stage: JointStage) -> bool:
-    """Whether tolerances are, together, further from what is stated than it says."""
+    """Whether tolerances are, together, further from their stated values than their number of degrees of freedom."""
     problem = search.problem
     problem.roughly(stage.rough)
     off = (stage.state.theta - problem.theta_mean) / problem.theta_sd
@@ -52,9 +52,9 @@ def _far_off(search: JointSearch, stage: JointStage) -> bool:
 
 
 def _of_one_size(one: JointStage, other: JointStage, null: Array) -> Mask:
-    """(causes,) whether two stages have a cause of one size, or neither has it.
+    """(causes,) whether two stages have a cause at one size, or neither has it.
 
-    One size is what sds leave open, or what may differ between parts of one drive.
+    Sizes are one within their sds, or within what a magnitude may differ between parts of a drive.
     """
     (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.there) for stage in (one, other))
     open_to = np.maximum(
