@@ -1,4 +1,4 @@
-"""Directions in which a diagnosis moves parameters: nuisances, which are believed, and candidates, which are not."""
+"""Axes along which a diagnosis moves parameters: nuisances, which have priors, and candidates, which have none."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7, 2.9)}
-"""By unit, of a second parameter's usual value; else where it is."""
+"""By unit, factors on the usual value of a second parameter at which it is tried; other units: 1 alone."""
 SHARE = (0.0, 1.0)
-"""Bounds of a second parameter that says how much of something goes along."""
+"""Bounds of a second parameter that is the share of a quantity on which an effect acts."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter that moves, in a coordinate that is finite at its null value.
+    """One parameter that is moved, in a coordinate that is finite at its null value.
 
     Attributes
     ----------
@@ -36,11 +36,11 @@ class Axis:
     index : in the parameter vector.
     inverse : whether the coordinate is one over the value, for limits whose null is infinity.
     null, low, high : coordinates.
-    mean, sd : what is believed of the coordinate; sd infinite where nothing is.
-    scale : how large a step is.
-    shift : whether it moves instants.
-    gradual : whether its derivative at the null tells about it.
-    narrow : whether it is a zone of indifference, of which no more is believed than its derivative tells.
+    mean, sd : prior of the coordinate; the sd is infinite where there is none.
+    scale : usual size of a change.
+    shift : whether delays or latencies depend on the parameter.
+    gradual : whether the derivative at the null describes larger magnitudes.
+    narrow : whether the prior is a zone of indifference, so small that the derivative at the null suffices.
     relative : whether the coordinate is the logarithm of the value.
     """
 
@@ -61,14 +61,14 @@ class Axis:
 
     @property
     def abrupt(self) -> bool:
-        """Whether a small magnitude already does something that its derivative at the null does not tell.
+        """Whether a small magnitude already has an effect that its derivative at the null does not describe.
 
-        The least delay has a reading taken before the command of its row, instead of just after.
+        With the least delay, a reading is taken before the command of its row instead of just after it.
         """
         return self.shift or not self.gradual
 
     def value(self, coordinate: float) -> float:
-        """The parameter's value."""
+        """The parameter's value at a coordinate."""
         if self.relative:
             return exp(coordinate)
         if not self.inverse:
@@ -82,9 +82,9 @@ class Axis:
         return 1 / value if self.inverse else value
 
     def relatively(self) -> Axis:
-        """The same belief in shares of its mean, where the parameter is positive: 5 m, give or take 20 %, is never 0 m.
+        """The axis with its prior on the logarithm, where the parameter is positive: 5 m +- 20 % is never 0 m.
 
-        A length of 5 m ± 1 m that is 5 cm, or no inertia, would else cost as little as one that is twice as large.
+        With 5 m +- 1 m, a length of 5 cm, or no inertia, would cost as little as one that is twice as large.
         """
         if self.inverse or not (self.low >= 0 and self.mean > 0):
             return self
@@ -96,13 +96,13 @@ class Axis:
 
 @dataclass(frozen=True)
 class ActingRows:
-    """Where an effect acts that begins within recordings, or ends.
+    """Where an effect acts that begins or ends within recordings.
 
     Attributes
     ----------
     rows : of all N.
-    recording, run : the name of the one in which it does, and the number of its run, from 1.
-    since, until : s of its clock; None where it acts from the start, or to the end.
+    recording, run : name of the recording in which it begins or ends, and number of the run, from 1.
+    since, until : s of the recording's time; None where it acts from the start, or to the end.
     """
 
     rows: slice
@@ -113,7 +113,7 @@ class ActingRows:
 
     @property
     def lasts(self) -> bool:
-        """Whether it still acts at the end, and so on what comes after the recordings."""
+        """Whether it still acts at the end, and so after the recordings."""
         return self.until is None
 
 
@@ -125,11 +125,11 @@ class Candidate:
     ----------
     effect : its name.
     axes : its magnitude first, then second parameters.
-    starts : coordinates that the search begins from; empty where the derivative at the null tells all.
-    gradual : whether what a small magnitude does tells what a larger one will.
+    starts : coordinates from which it is searched for; empty where the derivative at the null suffices.
+    gradual : whether the derivative at the null describes larger magnitudes.
     part : where it acts; None: everywhere.
     never_beside : effects that are other forms of it.
-    reads : outputs that it acts on, where it changes only what sensors read; empty: it acts on the motion.
+    reads : outputs on which it acts, where it changes only what sensors read; empty: it acts on the motion.
     """
 
     effect: str
@@ -142,17 +142,17 @@ class Candidate:
 
     @property
     def held(self) -> tuple[float, ...]:
-        """Coordinates of second parameters that are held: they say which form of the effect it is."""
+        """Coordinates of second parameters that are held: they define the form of the effect."""
         return tuple(axis.low for axis in self.axes[1:] if axis.low == axis.high)
 
     @property
     def free(self) -> int:
-        """How many of its axes are estimated."""
+        """Number of axes that are estimated."""
         return len(self.axes) - len(self.held)
 
 
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
-    """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
+    """Parameters of the model that have a prior: those with tolerances in a vehicle file."""
     sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
     result = []
     for index, parameter in scalars(model):
@@ -179,8 +179,8 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
     Parameters
     ----------
     model : with all of the effects.
-    effects : those of which the magnitude may differ from where it stands in the model.
-    shifting : parameters that move instants.
+    effects : those whose magnitude may differ from its value in the model.
+    shifting : names of parameters on which delays or latencies depend.
     """
     places = {parameter.name: (index, parameter) for index, parameter in scalars(model)}
     result = []
@@ -211,14 +211,14 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
 
 
 def _reads(effect: Effect, model: Diagnosed) -> frozenset[str]:
-    """Outputs that an effect of a sensor acts on; none where the motion takes one of these signals as an input."""
+    """Outputs on which an effect of a sensor acts; none where the motion takes one of these signals as an input."""
     touched = {*effect.touches}
     only_read = effect.reads_only and touched.isdisjoint(model.inputs)
     return frozenset(touched & {*model.outputs}) if only_read else frozenset()
 
 
 def shifting(model: Diagnosed) -> frozenset[str]:
-    """Parameters that move instants, by asking every shift what it depends on; maps with memory know no instants."""
+    """Parameters on which delays or latencies depend, by evaluating all of them; maps with memory have none."""
     if isinstance(model, MemoryModel):
         return frozenset()
     requested: set[str] = set()
@@ -255,14 +255,14 @@ def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None =
 
 
 def _forms(second: Axis) -> tuple[Axis, ...]:
-    """A second parameter, held at none and at all where it says how much of something goes along."""
+    """A second parameter in its forms: a share is held at none and at all, any other one is free."""
     if (second.low, second.high) != SHARE:
         return (second,)
     return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
 
 
 def _ways(second: Axis) -> tuple[float, ...]:
-    """Where searches begin in a second parameter."""
+    """Coordinates at which searches begin in a second parameter."""
     if second.unit == "rad":
         return DIRECTIONS
     return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))

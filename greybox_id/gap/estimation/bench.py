@@ -27,7 +27,7 @@ from .unknown_forces import knows_unknown_forces
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulation that may be asked for again.
+    """A simulation that is kept for reuse.
 
     Attributes
     ----------
@@ -58,8 +58,8 @@ class Passage:
 
     Attributes
     ----------
-    plan, segments : the run's, and which of them.
-    cuts : at the start of which, counted from the first, states are wanted.
+    plan, segments : the run's schedule, and which of its segments.
+    cuts : segments, counted from the first of these, at whose starts states are kept.
     """
 
     plan: Schedule
@@ -72,14 +72,14 @@ class Passage:
 
 @dataclass(frozen=True)
 class Integrated:
-    """A passage that was integrated: states that are wanted, the one at its end, and readings, as they are taken."""
+    """An integrated passage: states at its cuts, the state at its end, and readings in the order of reading."""
 
     cuts: Array
     end: Array
     y: Array
 
     def readings(self, plan: Schedule) -> Array:
-        """(n, outputs) readings by rows, where it is all of a run; NaN where there is none."""
+        """(n, outputs) readings by rows, if the passage is a whole run; NaN where there is none."""
         result = self.y.ravel().take(plan.taken)
         if not plan.complete:
             result[plan.taken < 0] = np.nan
@@ -100,8 +100,8 @@ class Bench:
     runs : the recordings' unbroken runs.
     measured : (N, outputs) readings, NaN where there is none.
     rows : slices of the N rows, per run.
-    counted : (N, outputs) readings that are there, but not in a run's first moments, of which a late sensor has none.
-    loose : states whose starts are read, with noise.
+    counted : (N, outputs) readings that exist, without a run's first moments, which a late sensor does not cover.
+    loose : indices of states that start at a noisy reading: their starts are nuisances.
     """
 
     def __init__(self, model: MotionModel, recordings: Sequence[Recording], simulator: Simulator | None = None) -> None:
@@ -116,7 +116,7 @@ class Bench:
             self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
         self.time = np.concatenate([run.time for run in self.runs])
         self.inputs = np.vstack([run.inputs for run in self.runs])
-        if len(self.time) * CAL.lanes > PAYS:  # as it will be asked for: what is not compiled takes long until it is
+        if len(self.time) * CAL.lanes > PAYS:  # many simulations follow: compile before the first of them
             self.simulator.kernel.prepare()
         self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
         self.runs = [with_step_lengths(model, run, each) for run, each in zip(self.runs, self.longest, strict=True)]
@@ -126,11 +126,11 @@ class Bench:
         self._readings = [self._starting_readings(run) for run in self.runs]
         self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
         self._simulated: dict[bytes, Simulated] = {}
-        self._room = np.empty(0)  # for segments of unlike runs side by side, one call after the other
+        self._room = np.empty(0)  # memory for segments of unlike runs side by side, reused by each call
 
     @property
     def learnt(self) -> bool:
-        """Whether weights stand for the equations."""
+        """Whether a learnt network replaces the equations."""
         return self.model.learnt
 
     @property
@@ -156,7 +156,7 @@ class Bench:
         if new:
             made = self.simulate_anew(P[list(new.values())])
             known |= dict(zip(new, made, strict=True))
-        for key in keys:  # what was asked for last is forgotten last
+        for key in keys:  # the least recently requested is dropped first
             self._simulated.pop(key, None)
             self._simulated[key] = known[key]
         most = max(CAL.lanes, CAL.remembered // max(self.measured.size, 1))
@@ -165,28 +165,28 @@ class Bench:
         return [known[key] for key in keys]
 
     def simulate_anew(self, P: Array) -> list[Simulated]:
-        """Simulations with each vector, whatever is remembered."""
+        """Simulations with each vector, whether remembered or not."""
         return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
 
     def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
-        """Simulations with each vector along segments that are its own."""
+        """Simulations with each vector, along its own segments."""
         starts, count = self._starts(P)[0], len(self.runs)
         whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for item in plans for plan in item]
         result = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
         return [self._simulated_by(plan, result[k * count : (k + 1) * count]) for k, plan in enumerate(plans)]
 
     def _simulated_by(self, plans: Sequence[Schedule], runs: Sequence[Integrated]) -> Simulated:
-        """A simulation of runs that were integrated one by one."""
+        """A simulation made of integrated runs."""
         y = np.full(self.measured.shape, np.nan)
         for rows, plan, run in zip(self.rows, plans, runs, strict=True):
             y[rows] = run.readings(plan)
         return Simulated(y, np.concatenate([run.cuts for run in runs]))
 
     def _integrated(self, passages: Sequence[Passage], z0: Array, P: Array) -> list[Integrated]:
-        """Passages of runs, those together in a call that are about as long: it takes as long as its longest."""
+        """Integrate passages, those of similar length in one call: a call takes as long as its longest passage."""
         kernel, result = self.simulator.kernel, dict[int, Integrated]()
         first = dict[int, int]()
-        for k, passage in enumerate(passages):  # by order, not by address: sums round otherwise in other company
+        for k, passage in enumerate(passages):  # not by address: rounding depends on which passages share a call
             first.setdefault(id(passage.plan), k)
         order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), first[id(passages[k].plan)]))
         lengths = tuple(len(passages[k]) for k in order)
@@ -201,15 +201,15 @@ class Bench:
             place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
             for lane, k in enumerate(value):
                 each, its = passages[k], y[lane]
-                if len(value) > 1 and segments.strides[0] != 0:  # others are read elsewhere
+                if len(value) > 1 and segments.strides[0] != 0:  # lanes are read at different segments
                     its = its[rank[: len(each)][each.plan.reads[each.segments]]]
                 result[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
         return [result[k] for k in range(len(passages))]
 
     def _laid_out(self, passages: Sequence[Passage]) -> tuple[Array, NDArray[np.bool_]]:
-        """Segments of passages side by side, (L, S, segment size), and at whose starts any is read.
+        """Segments of passages side by side, (L, S, segment size), and at which of their starts any lane is read.
 
-        Shorter ones are filled up with segments of no length; where all have the same ones, they share them.
+        Shorter passages are padded with segments of no length; passages with the same segments share them.
         """
         first, *_ = passages
         if all(passage.plan is first.plan and passage.segments == first.segments for passage in passages):
@@ -227,7 +227,7 @@ class Bench:
         return segments, reads
 
     def _cut(self, plan: Schedule) -> Index:
-        """Segments at which the lanes of a run begin that `linearise` cuts."""
+        """Segments at which the lanes of a run begin that `linearise` cuts it into."""
         return plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), self._cuts)]
 
     @property
@@ -283,7 +283,7 @@ class Bench:
         J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
         with np.errstate(all="ignore"):
             within = abs(np.sum(J)) < CAL.far
-        if not within:  # a simulation that diverges says of its last rows nothing that a step could follow
+        if not within:  # the last rows of a diverging simulation have no useful derivatives
             J = np.nan_to_num(J, copy=False, posinf=0.0, neginf=0.0)
             np.clip(J, -CAL.far, CAL.far, out=J)
         loose = len(self.loose)
@@ -293,11 +293,11 @@ class Bench:
         return result.y.copy(), J[:, :, : len(chosen)], S
 
     def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
-        """Lanes that runs are cut into to be differentiated, their parameters, and in which lanes which do not act."""
+        """Lanes of runs, to be differentiated, their parameters, and (lanes, parameter without effect in them)."""
         return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], self._cuts), p, ()
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
-        """Which shifts any of the parameters moves."""
+        """Of each shift, whether it depends on any of these parameters."""
         timing = self.simulator.trace.timing
         if self.simulator.trace.shift_count == 0:
             return []
@@ -331,7 +331,7 @@ class Bench:
         return [P] * len(self.runs)
 
     def _starting_readings(self, run: MotionRun) -> tuple[tuple[str, ...], Array]:
-        """States that are read and where they start: the mean of the first readings, which are noisy."""
+        """Names of the states that are read, and their first readings, at which simulations start."""
         names = run.states_read(self.model)
         columns = [self.model.outputs.index(name) for name in names]
         first = np.array([run.measured[np.flatnonzero(np.isfinite(run.measured[:, c]))[:1], c][0] for c in columns])

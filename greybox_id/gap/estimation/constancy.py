@@ -1,7 +1,7 @@
-"""Is a magnitude the same everywhere? A true cause's is; an impostor's changes with speed, load, time and channel.
+"""Is a magnitude the same everywhere? A true cause's is; a mimic's varies with speed, load, time or channel.
 
-Magnitudes of parts are what the recording says of each with all else refitted to first order, tolerances among it: what
-these take up differs from part to part, and is no spread of the magnitude.
+The magnitude in a part of the recording is estimated with all else refitted to first order, tolerances among it: what
+these absorb differs from part to part, and is no spread of the magnitude.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ class Spread:
 
     Attributes
     ----------
-    place : between what parts, in words: along what, or between channels.
-    relative : weighted standard deviation of the parts' magnitudes over the magnitude, beyond that of noise.
+    place : between which parts, in words: along a signal, or between channels.
+    relative : weighted standard deviation of the parts' magnitudes over the magnitude, in excess of noise.
     p_value : how often so much would come from noise.
-    parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
+    parts : coordinate of the magnitude in each part, from low to high; NaN where a part does not inform it.
     ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
     """
 
@@ -43,14 +43,15 @@ class Spread:
 
 @dataclass(frozen=True)
 class _Alone:
-    """What a recording says of one coordinate of a hypothesis, all else refitted to first order.
+    """One coordinate of a hypothesis, all else refitted to first order.
 
     Attributes
     ----------
-    does : (N, channels) what the coordinate does, whitened.
-    itself : (N, channels) the same less what all else can undo.
-    pulls : (N, channels) what residuals pull at it.
-    by_row, by_channel : (N, n), (channels, n) what it does times what all else does, summed over the others.
+    does : (N, channels) its column, whitened.
+    itself : (N, channels) the same less what all else can cancel.
+    pulls : (N, channels) its column times the residuals.
+    by_row, by_channel : (N, n), (channels, n) its column times the columns of all else, summed over channels, over
+        rows.
     inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
     """
 
@@ -78,7 +79,7 @@ class _Alone:
 
 
 def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
-    """One coordinate of a hypothesis; None where it does nothing."""
+    """One coordinate of a hypothesis; None where the recording does not inform it."""
     shape = hypothesis.e.shape
     both = search.weighed(np.concatenate([hypothesis.e[:, :, None], hypothesis.J], axis=2)).reshape(
         hypothesis.e.size, -1
@@ -118,13 +119,13 @@ def _products(one: Array, many: Array) -> tuple[Array, Array]:
 
 
 def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
-    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel that it acts on.
+    """Magnitudes of one of a hypothesis' effects in thirds of the rows in several orders, and by channel.
 
     Parameters
     ----------
     search, hypothesis : the hypothesis and what refitted it.
     orders : "along ..." -> (N,) by which rows are sorted.
-    effect : which one.
+    effect : index of the effect.
     """
     at = hypothesis.parts[effect][1].start
     alone = _alone(search, hypothesis, at)
@@ -132,15 +133,15 @@ def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array],
         return []
     informs = np.sum(alone.itself**2, axis=1)
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
-    here = acts_on(search, hypothesis, effect)  # what a sensor does is not for other channels' errors to judge
+    here = acts_on(search, hypothesis, effect)  # errors of other channels say nothing about a sensor
     cuts[BETWEEN_CHANNELS] = np.eye(len(here))[:, here]
     return _spreads(alone, hypothesis, cuts, at)
 
 
 def acts_on(search: Search, hypothesis: Hypothesis, effect: int) -> NDArray[np.bool_]:
-    """(channels,) whether one of a hypothesis' effects acts on a channel, beside what it does to all of them.
+    """(channels,) whether one of a hypothesis' effects acts on a channel by a notable share of its whole action.
 
-    What changes a sensor acts on other channels through starts that follow its readings, which is no effect of it.
+    An effect on a sensor acts on other channels through starts of runs that follow its readings: that does not count.
     """
     candidate, at = hypothesis.parts[effect]
     if candidate.reads:
@@ -174,7 +175,7 @@ def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], a
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
-    """What rows are ordered by: "along ..." -> (N,).
+    """Values by which rows are sorted: "along ..." -> (N,).
 
     Parameters
     ----------
@@ -194,11 +195,11 @@ def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
 
 
 def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
-    """Variance of a magnitude's mean, over its square, if parts of a drive are draws of it: tau^2 / K over m^2.
+    """Variance of a magnitude's mean over its square if parts of a drive are draws about it: tau^2 / K over m^2.
 
-    What equations' form leaves moves a magnitude differently in each part of a drive, and the mean of K parts that
-    scatter by tau has a variance of tau^2 / K beside that of noise and tolerances (random effects, DerSimonian & Laird,
-    Control. Clin. Trials 7, 1986). The worst of all ways to part the drive counts.
+    Model-form errors move a magnitude differently in each part of a drive, and the mean of K parts that scatter by tau
+    has a variance of tau^2 / K beside that of noise and tolerances (random effects, DerSimonian & Laird, Control. Clin.
+    Trials 7, 1986). The largest over all ways to part the drive counts.
     """
     each = (
         min(spread.relative, 1e6) ** 2 / int(np.sum(np.isfinite(spread.parts)))  # at its null a size has no scale
@@ -209,13 +210,13 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
 
 
 def steadily(gain: Array, unsteady: Array | float) -> Array:
-    """What an effect gains, in nats, where its magnitude is as unsteady: half of m^2 over both variances together."""
+    """The gain of an effect, in nats, given its unsteadiness: half of m^2 over the sum of both variances."""
     finite = np.clip(gain, 0.0, 1e12)  # where a refit without it leaves the range of numbers, a gain is infinite
     return np.asarray(finite / (1.0 + 2.0 * finite * unsteady))
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
-    """Effect -> how its magnitude differs most: by speed, accelerations, time or channel; none where noise may do so.
+    """Effect -> its largest spread, by speed, accelerations, time or channel, among those that noise does not explain.
 
     Parameters
     ----------
@@ -232,7 +233,7 @@ def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) ->
 
 
 def _thirds(values: Array, informs: Array) -> NDArray[np.int_]:
-    """(N,) the part of each row: by value, of equal information."""
+    """(N,) index of each row's part: rows sorted by value, parts of equal information."""
     order = np.argsort(values, kind="stable")
     filled = np.cumsum(informs[order])
     part = np.empty(len(order), dtype=int)

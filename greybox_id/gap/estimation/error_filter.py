@@ -1,6 +1,6 @@
-"""The Kalman filter of model error, compiled: likelihoods of amplitudes side by side, and innovations by known gains.
+"""The Kalman filter of model error, compiled: likelihoods of several amplitudes, and innovations by given gains.
 
-States are errors about a simulation (A, B, C, D per segment, `model_error.Linearised`), unknown forces that fade, and
+States are errors about a simulation (A, B, C, D per segment, `model_error.Linearised`), unknown forces that decay, and
 slow errors of readings. Readings are taken one by one; lanes, which lie innermost, differ in amplitudes alone.
 """
 
@@ -13,7 +13,7 @@ from ...base.machine_code import begun
 def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
     A, B, C, D, scale, fade, slow, white, colour, start, first, pointer, channel, coloured, r, gain, size
 ):
-    """(L,) negative log-likelihood of residuals under each lane's amplitudes; gains of the first lane where wanted."""
+    """(L,) negative log-likelihood of residuals under each lane's amplitudes; gains of the first lane if requested."""
     S, nz, _ = A.shape
     nd, nc, L = B.shape[2], colour.shape[0], white.shape[1]
     n = nz + nd + nc
@@ -171,7 +171,7 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
     A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, result
 ):
-    """Whiten values, (N, K), that stand at readings' places, by gains that are known; found in the same places."""
+    """Whiten values, (N, K), at the places of readings, by known gains; the result has the same places."""
     S, nz, _ = A.shape
     nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
     n = nz + nd + nc

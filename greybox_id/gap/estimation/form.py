@@ -1,8 +1,8 @@
-"""How rough the form of a tyre curve is: a magic formula comes near a tyre's curve, and is not that curve.
+"""Prior of errors of tyre curves: a magic formula comes near a tyre's curve, and is not that curve.
 
-Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to a share of their peak, the
+Where a vehicle's file states tolerances of tyres, whole curves are taken to be known to a share of their peak, and the
 slope at zero and the peak beside that: files state cornering stiffness and friction, whatever the form. B, C and E of
-an axle then move together: along one coordinate the slope changes, along two others the shape alone.
+an axle then move together: along one coordinate the slope changes, along two others only the shape.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from .calibration import CAL
 
 
 def rough_curves(axes: Sequence[Axis], rough: float = 1.0) -> tuple[tuple[Axis, ...], Array]:
-    """Nuisances, those of tyre curves as far as curves are known, and how parameters move with them.
+    """Nuisances with the priors of tyre curves on B, C, E and D, and how parameters depend on their coordinates.
 
     Parameters
     ----------
-    axes : nuisances; an axle of which B, C and E are all among them has a curve that is rough.
-    rough : times as rough as curves usually are.
+    axes : nuisances; an axle of which B, C and E are all among them has an inexact curve.
+    rough : errors of curves over their usual size.
 
     Returns
     -------
-    axes : the same; those of B, C and E stand for slope and shape now, in their standard deviations beside the mean.
+    axes : the same; those of B, C and E are now slope and shape, in standard deviations from the mean.
     mix : (axes, axes) derivative of the parameters' coordinates by those of the axes.
     """
     places = {axis.name: k for k, axis in enumerate(axes)}
@@ -50,20 +50,18 @@ def rough_curves(axes: Sequence[Axis], rough: float = 1.0) -> tuple[tuple[Axis, 
 
 
 def _slope_and_shape(covariance: Array, slope: Array) -> Array:
-    """(3, 3) root of a covariance: the first column is what moves with the slope, the others leave it alone."""
+    """(3, 3) root of a covariance: its first column moves with the slope, the others leave the slope alone."""
     along = covariance @ slope / np.sqrt(slope @ covariance @ slope)
     sizes, ways = np.linalg.eigh(covariance - np.outer(along, along))
     return np.column_stack([along, ways[:, 1:] * np.sqrt(sizes[1:])])
 
 
 def _of_curve(B: float, C: float, E: float, rough: float) -> Array:
-    """(3, 3) covariance of B, C and E that leave the curve in its band."""
+    """(3, 3) covariance of B, C and E under which curves differ by `CAL.curve_off`."""
     J = _sensitivities(B, C, E)
     free = np.array(CAL.loose) * (B, C, 1.0)
     slope = np.array([1 / B, 1 / C, 0.0])
-    known = (
-        len(free) * (J.T @ J) / len(J) / (rough * CAL.curve_off) ** 2
-    )  # the distance is shared by as many directions
+    known = len(free) * (J.T @ J) / len(J) / (rough * CAL.curve_off) ** 2  # the error is shared by as many directions
     return np.asarray(
         np.linalg.inv(known + np.outer(slope, slope) / (rough * CAL.slope_off) ** 2 + np.diag(free**-2.0))
     )
@@ -73,14 +71,14 @@ def _sensitivities(B: float, C: float, E: float) -> Array:
     """(points, 3) of the curve over the slip angle by B, C and E, by central differences."""
     at = np.array([B, C, E])
     shares = np.linspace(0, 1, CAL.curve_points + 1)[1:]
-    alphas = np.pi / (B * max(C - 1.0, 0.2)) * shares  # far enough to have the peak within
+    alphas = np.pi / (B * max(C - 1.0, 0.2)) * shares  # beyond the peak
     alphas = CAL.curve_reach * alphas[int(np.argmax(_curve(at, alphas)))] * shares
     steps = 1e-4 * np.diag([B, C, 1.0])
     return np.stack([(_curve(at + h, alphas) - _curve(at - h, alphas)) / (2 * np.sum(h)) for h in steps], axis=1)
 
 
 def _curve(at: Array, alphas: Array) -> Array:
-    """The magic formula over its peak."""
+    """The magic formula over its peak value."""
     B, C, E = at
     slip = B * alphas
     return np.asarray(np.sin(C * np.arctan(slip - E * (slip - np.arctan(slip)))))

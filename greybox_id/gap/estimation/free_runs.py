@@ -1,6 +1,7 @@
-"""Free runs with tolerances that do all they can for them: what is left then, no tolerance explains.
+"""Free runs with tolerances refitted to them: the error that remains, no tolerance explains.
 
-Before and after an effect alike, and charged to both, so that a fitted nuisance never passes for a gap that closed.
+Models before and after an effect are refitted and charged alike, so that a fitted nuisance never passes for a gap that
+closed.
 """
 
 from __future__ import annotations
@@ -37,10 +38,10 @@ class Misfit:
     Attributes
     ----------
     e : (N, channels) prediction minus reading.
-    charge : what the tolerances cost, twice their negative log-belief.
-    trust : as how many readings one counted.
-    values : parameter -> where the tolerances are.
-    cost : what they were refitted by, as far as it is known.
+    charge : cost of the tolerances, twice their negative log prior.
+    trust : how many independent readings one counted as.
+    values : parameter -> its refitted value.
+    cost : what the refit minimised; NaN where it is not known.
     """
 
     e: Array
@@ -73,19 +74,19 @@ def freed_tolerances(
     there: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
 ) -> tuple[Misfit, Search, Hypothesis]:
-    """Errors of a model whose tolerances are refitted to recordings, what refitted them, and where they are.
+    """Errors of a model whose tolerances are refitted to recordings, the search, and the refitted hypothesis.
 
     Parameters
     ----------
     model : as stated, or with effects at their magnitudes.
     recordings : on which it is simulated.
-    vehicle : what is stated: tolerances and sensor noise.
+    vehicle : its stated tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
-    sd : (channels,) noise where none is stated; None takes what is faster than motion.
-    there : values of parameters; tolerances are refitted from there, too, and the best of all counts.
-    trust : as how many readings one counts, as beside another model that this one is compared with; None: as many as
-        what is left allows. Errors that noise does not explain are alike for a while: taken for noise, they would press
-        every tolerance to where it reaches.
+    sd : (channels,) noise where none is stated; None: estimated from what is faster than motion.
+    there : parameter values from which tolerances are refitted, too; the best of all counts.
+    trust : how many independent readings one counts as, if it has to be that of another model for comparison; None: by
+        the errors that remain. Errors beyond noise are alike for a while: taken for noise, they would press every
+        tolerance to its limit.
     """
     examined = excerpt(recordings)
     prepared = prepare_plain(model, examined, effects, vehicle)
@@ -118,9 +119,9 @@ def freed_tolerances(
 
 
 def _about(search: Search, begin: Hypothesis) -> list[Start]:
-    """Where tolerances are, and the same with linear nuisances as they are believed to be.
+    """Starts at a hypothesis, and the same with linear nuisances at their prior means.
 
-    Where the vehicle nearly spins, derivatives taken anew may say something else of these than they were found by.
+    Where the vehicle nearly spins, their estimates may not suit derivatives that are taken anew.
     """
     believed = Start((), begin.m, begin.theta, search.means[len(begin.theta) :])
     same = np.array_equal(begin.linear, believed.linear)
@@ -128,28 +129,28 @@ def _about(search: Search, begin: Hypothesis) -> list[Start]:
 
 
 def _worth(e: Array, good: Mask) -> float:
-    """As how many readings one counts: noise is new in each, what is beyond noise is alike for its correlation time."""
+    """How many independent readings one counts as: noise is new in each, errors beyond it are correlated."""
     if not np.any(good):
         return 1.0
-    beyond = robust_sd(e[good]) ** 2 - 1.0  # spins are few, and not the rule
+    beyond = robust_sd(e[good]) ** 2 - 1.0  # robust, since a few spins are not typical
     return 1.0 / (1.0 + beyond * correlation_time(np.where(good, e, 0.0))) if beyond > 0 else 1.0
 
 
 def misfit(search: Search, hypothesis: Hypothesis) -> Misfit:
-    """What a hypothesis leaves."""
+    """Errors that a hypothesis leaves, and the charge of its nuisances."""
     return Misfit(hypothesis.e, search.charge(hypothesis))
 
 
 def plain(e: Array, good: Mask, bench: FreeRuns) -> Mask:
-    """(N, channels) readings whose errors are neither outliers nor near to that: few of these are as much as a gap."""
+    """(N, channels) readings whose errors are far from outliers: a few larger ones would weigh as much as a gap."""
     return sound(e, good, bench.rows, CAL.far_reading)
 
 
 def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, good: Mask) -> list[Hypothesis]:
-    """Hypotheses with tolerances that do all they can for free runs: what is left then, no tolerance explains.
+    """Hypotheses with tolerances refitted to free runs, magnitudes held: the error that remains, no tolerance explains.
 
-    Where unknown forces whiten residuals, free runs may wander as these let them; how far a gap closes is a matter of
-    free runs themselves, with magnitudes as they were found. Tolerances then go far: they are linearised again.
+    Where unknown forces whiten residuals, free runs may drift as far as these allow; how far a gap closes is a question
+    about free runs themselves. Tolerances then move far, and are linearised again.
     """
     if not isinstance(search.colour, ModelError):
         if search.trust == 1.0:
@@ -164,7 +165,7 @@ def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, g
 
 
 def _settled(search: Search, hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
+    """A hypothesis with its nuisances refitted and linearised again about their estimates, magnitudes held."""
     best = _refitted(search, replace(hypothesis, cost=np.inf))
     for _ in range(CAL.freed_again if search.moving or search.shifts else 0):
         search.about(best, delays=False)
@@ -191,13 +192,13 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
 def of_subsets(
     search: Search, whole: Hypothesis, absent: Mapping[str, Mapping[int, float]], known: Mapping[frozenset[str], Misfit]
 ) -> dict[frozenset[str], Misfit]:
-    """Errors with every set of some effects: what each does adds up, and tolerances are refitted, to first order.
+    """Errors with every set of some effects: contributions add up, and tolerances are refitted to first order.
 
     Parameters
     ----------
-    search : linearised about the whole, in the noise that free runs count by.
+    search : linearised about the whole, in the noise by which free runs are weighed.
     whole : with all of them.
-    absent : effect -> index of a parameter -> its value where the effect is not there.
+    absent : effect -> index of a parameter -> its value where the effect is absent.
     known : sets whose errors are known from refits.
     """
     names = tuple(absent)

@@ -1,8 +1,8 @@
-"""The test bench of a diagnosis for maps with memory: every run from its first window on, on the map's own predictions.
+"""The test bench of a diagnosis for maps with memory: whole runs, predicted from their first windows on.
 
-What drives such a map is measured, its speed too, so that a whole run does not drift away from what the vehicle drove:
-no observer is needed, and windows are filled with readings once only, at the start of each run. A sample is a row, and
-all that an effect moves, late readings too, moves predictions continuously: no time is cut.
+Such a map is driven by measured signals, speed among them, so that a whole run does not drift away from what the
+vehicle drove: no observer is needed, and windows are filled with readings only once, at the start of each run. A sample
+is a row, and effects, late readings too, change predictions continuously: no row is cut into segments.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class PredictedRun:
     Attributes
     ----------
     time : (n,) s.
-    held : (inputs,) whether an input is held between rows: a map knows nothing of what is between them.
+    held : (inputs,) whether an input is held between rows: never, for a map knows nothing between its samples.
     """
 
     time: Array
@@ -37,11 +37,11 @@ class PredictedRun:
 
 
 class MemoryBench:
-    """Simulates whole runs freely, the rows that only fill windows left out.
+    """Simulates whole runs freely, without the rows that only fill windows.
 
     Parameters
     ----------
-    model : with all candidates; its weights are what they are, and never differentiated by.
+    model : with all candidates; its weights are never differentiated by.
     recordings : what to simulate; N rows with a prediction in all.
 
     Attributes
@@ -50,10 +50,10 @@ class MemoryBench:
     measured : (N, outputs) readings.
     rows : slices of the N rows, per run.
     counted : (N, outputs) readings that count: not those in a run's first moments, before which a late sensor is taken
-        to have read what it reads first.
+        to have read its first value.
     time : (N,) s.
-    inputs : (N, inputs) what the equations see of the commands; those that are fed back as the model predicts them.
-    loose : no state is: windows start as they were read.
+    inputs : (N, inputs) commands as the equations receive them; fed-back ones as the model predicts them.
+    loose : none: windows start as they were read.
     """
 
     learnt = True
@@ -108,7 +108,7 @@ class MemoryBench:
         -------
         y : (N, outputs).
         J : (N, outputs, columns).
-        S : (N, outputs, 0), for no start is loose.
+        S : (N, outputs, 0), for no start is a nuisance.
         """
         sides, spans = [p], []
         for column in columns:
@@ -126,11 +126,11 @@ class MemoryBench:
         return y, np.stack(slopes, axis=2) if slopes else nothing, nothing
 
     def _read(self, run: Run, p: Array) -> Array:
-        """(n, outputs) what the sensors would have recorded of one run."""
+        """(n, outputs) what the sensors would have recorded in one run."""
         return self._sensing(run.simulate(p)[run.predicted], None, p)[0]
 
     def _beside(self, column: int, value: float) -> tuple[float, float]:
-        """Values to both sides of a parameter's, within its bounds."""
+        """Values below and above a parameter's, within its bounds."""
         if not np.isfinite(value):
             return value, value
         low, high = self._bounds(column)

@@ -1,7 +1,7 @@
-"""Noise of the channels: its size, stated or told, and how much of it carries on from row to row.
+"""Noise of the channels: its size, stated or estimated, and its correlation from row to row.
 
-Residuals of every channel are taken for an autoregressive process of low order. Whitened by it, they count as often as
-they say something new, and slow misfits of a model's form, which look like coloured noise, do not drown what is fast.
+Residuals of every channel are modelled as an autoregressive process of low order. Whitened by it, they count as often
+as they hold something new, and slow model-form errors, which look like coloured noise, do not drown what is fast.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .calibration import CAL
 
 
 class Whitener(Protocol):
-    """How residuals count: what of them is new, over its standard deviation."""
+    """How residuals are whitened: innovations over their standard deviation."""
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -29,26 +29,27 @@ class Whitener(Protocol):
 
     @property
     def readings(self) -> int:
-        """How many there are."""
+        """Number of readings that count."""
 
     @property
     def stationary_sd(self) -> Array:
         """(channels,) standard deviation of a reading's error."""
 
     def white(self, values: Array) -> Array:
-        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
 
 
 @dataclass(frozen=True)
 class Colour:
-    """How residuals are whitened.
+    """Whitening by an autoregressive process per channel.
 
     Attributes
     ----------
     sd : (channels,) standard deviation of the innovations.
     ar : per channel, its autoregressive coefficients.
     rows : slices of unbroken runs.
-    usable : (N, channels) whether an innovation is one: its reading and those it follows from are there and sound.
+    usable : (N, channels) whether an innovation counts: its reading and those before it that it needs exist and are
+        sound.
     """
 
     sd: Array
@@ -57,7 +58,7 @@ class Colour:
     usable: NDArray[np.bool_]
 
     def white(self, values: Array) -> Array:
-        """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
+        """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
         result = np.empty(values.shape)
         for c, a in enumerate(self.ar):
             value = values[:, c]
@@ -68,12 +69,12 @@ class Colour:
 
     @property
     def stationary_sd(self) -> Array:
-        """(channels,) standard deviation of the residuals themselves, for a process that goes on for long."""
+        """(channels,) standard deviation of the residuals themselves, where the process is stationary."""
         return np.array([s * np.sqrt(_gain(a)) for s, a in zip(self.sd, self.ar, strict=True)])
 
     @property
     def readings(self) -> int:
-        """How many innovations count."""
+        """Number of innovations that count."""
         return int(np.sum(self.usable))
 
 
@@ -83,7 +84,7 @@ def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Co
 
 
 def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order) -> Colour:
-    """The noise that residuals are.
+    """The autoregressive process that describes residuals.
 
     Parameters
     ----------
@@ -104,7 +105,7 @@ def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], mos
 def sound(
     residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = CAL.spike
 ) -> NDArray[np.bool_]:
-    """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
+    """(N, channels) readings that count and whose residuals are no spikes among their neighbours'."""
     good = counted & np.isfinite(residuals)
     for c in range(residuals.shape[1]):
         for row in rows:
@@ -120,7 +121,7 @@ def sound(
 
 
 def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int) -> tuple[float, Array]:
-    """Innovations' standard deviation and coefficients of the order that BIC prefers."""
+    """Innovations' standard deviation, and coefficients of the order of least BIC."""
     usable = _all_there(good, rows, most)
     count = int(np.sum(usable))
     if count < CAL.coefficient_rows * (most + 1):
@@ -143,7 +144,7 @@ def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int)
 
 
 def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> NDArray[np.bool_]:
-    """Rows that are good, and so many before them."""
+    """(N,) whether a row and the `order` rows before it are good."""
     result = np.zeros_like(good)
     for row in rows:
         there = good[row].copy()
@@ -155,7 +156,7 @@ def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> ND
 
 
 def _gain(a: Array) -> float:
-    """Variance of a process over that of its innovations; bounded, for one that hardly ever forgets."""
+    """Variance of a process over that of its innovations; bounded, for a process that is nearly integrating."""
     if len(a) == 0:
         return 1.0
     response = np.zeros(len(a) + 2001)
@@ -166,7 +167,7 @@ def _gain(a: Array) -> float:
 
 
 def _innovations(values: Array, a: Array) -> Array:
-    """Of a process with these coefficients, (n, ...) of (n, ...), zero before it begins."""
+    """Innovations, (n, ...), of a process with these coefficients, taken to be zero before it begins."""
     result = values.copy()
     for lag, item in enumerate(a, 1):
         result[lag:] -= item * values[:-lag]
@@ -179,8 +180,8 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
     Parameters
     ----------
     bench : whose channels.
-    vehicle : what is stated of its sensors; of a map with memory, what its training left, which holds in any case.
-    residuals : (N, channels) of any model: a slow misfit does not count as noise.
+    vehicle : noise of its sensors as stated; of a map with memory, the error after training, which holds in any case.
+    residuals : (N, channels) of any model: slow model error does not count as noise.
     """
     stated = vehicle.noise if vehicle is not None else {}
     result, known = [], True
@@ -203,6 +204,6 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
 
 
 def blocks(bench: FreeRuns, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
-    """Rows [a, b) of stretches over which residuals may be alike, none of them across runs."""
+    """Rows [a, b) of stretches over which residuals may be correlated, none of them across runs."""
     length = max(1, round(seconds / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

@@ -1,8 +1,8 @@
-"""A weak observer: a simulated state is drawn, slowly, towards its reading.
+"""A weak observer: a simulated state is drawn slowly towards its reading.
 
-Speed is the integral of every force there was; a simulation of two minutes drifts away from a vehicle that is a little
-heavier, and then drives other corners than the vehicle did. Drawn towards the reading with a rate far below the
-motion's own, it stays on the vehicle's path, and what draws it shows in the residuals.
+Speed is the integral of all forces before: a simulation of two minutes drifts away from a vehicle that is a little
+heavier, and then takes corners differently. Drawn towards the reading at a rate far below that of the motion, it stays
+on the vehicle's path, and the error by which it is drawn shows in the residuals.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ PULLED = "observer_{}"
 
 
 def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
-    """The model with an observer of one state that is read, past all its sensors and latencies.
+    """The model with an observer of one state: it corrects by the prediction error after sensors and latencies.
 
     Parameters
     ----------
-    model : with all its effects: sensors and latencies that are added later are not taken back.
+    model : with all its effects: the observer does not account for sensors and latencies that are added later.
     state : a state that is an output.
     rate : 1/s, of the observer's correction; a parameter of the model from then on.
     """
@@ -56,7 +56,7 @@ def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
 
 
 def with_seen(recording: Recording, state: str) -> Recording:
-    """The recording with the input that the observer reads: the reading, straight between rows that have one."""
+    """The recording with the observer's input: the reading, interpolated linearly between rows that have one."""
     reading = recording[state]
     filled = np.array(reading)
     for start, stop in recording.runs:

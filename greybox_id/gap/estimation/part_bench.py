@@ -1,8 +1,8 @@
-"""A bench on which one parameter has a value of its own in some of the rows: an effect that begins there, or ends.
+"""A bench on which one parameter has another value in some of the rows: an effect that begins or ends there.
 
-Runs are cut where the rows begin and end, and the pieces are simulated one behind the other, each from where the one
-before it ended: the change is at that instant, and no equation is another one. Parameter vectors have one more number
-at their end, the value in those rows; where it is not a number, nothing differs.
+Runs are cut where these rows begin and end, and the pieces are simulated one after the other, each from where the one
+before it ended: the parameter changes at that instant, the equations do not. Parameter vectors have one more number at
+their end, the value in those rows; where it is NaN, nothing differs.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ class Piece:
     Attributes
     ----------
     interval : its rows.
-    inside : whether the parameter has its own value there.
-    stage : how many pieces of its run are before it.
+    inside : whether the parameter has its other value there.
+    stage : how many pieces of its run come before it.
     """
 
     interval: Interval
@@ -39,9 +39,9 @@ class PartBench(Bench):
 
     Parameters
     ----------
-    whole : the bench, which is left as it is.
-    index : of the parameter, which moves no instant.
-    rows : in which it has a value of its own, of all N.
+    whole : the bench, which is not changed.
+    index : of the parameter, on which no delay or latency depends.
+    rows : in which it has another value, of all N.
     """
 
     def __init__(self, whole: Bench, index: int, rows: slice) -> None:
@@ -61,7 +61,7 @@ class PartBench(Bench):
         ]
 
     def _cut_within(self, plan: Schedule, rows: Interval) -> Index:
-        """Segments at which the lanes of a piece begin that `linearise` cuts, from its first one on."""
+        """Segments, counted from the first of a piece, at which the lanes of the piece begin that `linearise` cuts."""
         segments = plan.row_segment[cut_rows(plan, rows.start, rows.stop, self._cuts)]
         return np.asarray(segments - plan.row_segment[rows.start])
 
@@ -87,7 +87,7 @@ class PartBench(Bench):
         Parameters
         ----------
         plans, P, starts : of each simulation, the last (K, runs, nz).
-        cuts : of each, by piece, segments at whose start states are wanted.
+        cuts : of each simulation, by piece, segments at whose starts states are kept.
         """
         by_piece = np.stack([self._of_pieces(p) for p in P])
         result: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
@@ -140,12 +140,12 @@ def _pieces(run: int, value: slice, part: slice) -> list[Piece]:
 
 
 def _joined(pieces: Sequence[Integrated]) -> Integrated:
-    """A run of which these are the pieces."""
+    """A run made of its integrated pieces."""
     cuts, y = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("cuts", "y"))
     return Integrated(cuts, pieces[-1].end, y)
 
 
 def _segments(plan: Schedule, rows: Interval) -> int:
-    """How many there are in some rows of a run."""
+    """Number of segments in some rows of a run."""
     last = plan.row_segment[rows.stop] if rows.stop < len(plan.row_segment) else len(plan.segments)
     return int(last - plan.row_segment[rows.start])

@@ -1,4 +1,4 @@
-"""What a diagnosis starts from: the model with its tolerances, and with everything that it may lack at its null."""
+"""The model that a diagnosis starts from: with its tolerances, and with every candidate effect at its null."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
 """States that an observer keeps near their readings, and its rate, 1/s. That of the yaw rate is raised only where
 simulations would spin otherwise."""
 OF_VARIANCE = ("timestamp_jitter", "dropped_samples")
-"""Effects that change no expected reading: what tells them is how readings scatter (variance.py)."""
+"""Effects that change no expected reading, only the scatter of readings (variance.py)."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Prepared:
 
     Attributes
     ----------
-    nominal : the model with its tolerances; what is not believed is held.
+    nominal : the model with its tolerances; parameters without a prior are held.
     everything : the same with all candidates at their null; equations of motion with an observer.
     effects : candidates by name.
     """
@@ -50,13 +50,13 @@ class Prepared:
     effects: Mapping[str, Effect]
 
     def bench(self, recordings: Sequence[Recording]) -> FreeRuns:
-        """What simulates everything over recordings."""
+        """What simulates `everything` over recordings."""
         if isinstance(self.everything, MemoryModel):
             return MemoryBench(self.everything, recordings)
         return Bench(self.everything, self.seen(recordings))
 
     def seen(self, recordings: Sequence[Recording]) -> list[Recording]:
-        """Recordings with what the observer reads."""
+        """Recordings with the inputs of observers."""
         result = list(recordings)
         for state in OBSERVED:
             if SEEN.format(state) in self.everything.inputs:
@@ -65,7 +65,7 @@ class Prepared:
 
 
 def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
-    """Recordings of no more than so many rows in all: blocks of them, spread evenly.
+    """Recordings of at most `most` rows in all: blocks of them, spread evenly.
 
     Parameters
     ----------
@@ -87,10 +87,10 @@ def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[
 
 
 def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
-    """Recordings of which rows are left out evenly, so that no more than so many remain, but no motion is missed.
+    """Recordings with rows left out evenly, so that at most `most` remain in all, as far as no motion is missed.
 
-    A free run is told as well by 20 rows a second as by 200, and by all drives better than by some of them. Where
-    commands are held from row to row none can be left out.
+    20 rows a second inform a free run as well as 200, and all drives better than some of them. Where commands are held
+    from row to row no row can be left out.
 
     Parameters
     ----------
@@ -114,15 +114,15 @@ def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[
 def prepare(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
-    """Put everything a model may lack on it.
+    """Add everything that a model may lack to it, at its null.
 
     Parameters
     ----------
     model : to be diagnosed, at its nominal values.
     recordings : of the vehicle.
-    effects : what may be the cause, by name.
-    vehicle : what is stated of it; a number stated without an sd is exact here. None: all beliefs of equations of
-        motion count; those of what was learnt do not, for they are about it as it was before a fit.
+    effects : possible causes, by name.
+    vehicle : its stated parameters; one stated without an sd is exact here. None: all priors of equations of motion
+        count; those of learnt parameters do not, for they describe them as they were before a fit.
     """
     nominal = _rough(model, recordings, effects, vehicle)
     step = min(
@@ -144,7 +144,7 @@ def prepare(
 def prepare_plain(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
-    """The same without candidates, for a model that is not diagnosed any further."""
+    """The model without candidates, if it is only simulated and refitted."""
     nominal = _rough(model, recordings, effects, vehicle)
     return Prepared(nominal, _observed(nominal, recordings), {})
 
@@ -159,13 +159,13 @@ def _rough(
 
 
 def with_beliefs(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
-    """The model with what is believed of it free, and all else held; arguments as of `prepare`."""
+    """The model with parameters that have priors free, and all others held; arguments as of `prepare`."""
     nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
     return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
 
 
 def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float]:
-    """Median speed, m/s, root mean squares of steering and drive; 1 where there is none."""
+    """Median speed, m/s, and root mean squares of steering and drive; 1 where there is none."""
     result = {}
     for name, signals in (("speed", ("v_x",)), ("steer", ("steer",)), ("drive", _signals(model, "drive"))):
         held = [
@@ -183,17 +183,17 @@ def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float
 
 
 def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
-    """Signals that may be an input of the model."""
+    """Names of signals that may be an input of the model."""
     return model.aliases.get(name, (name,))
 
 
 def _indifferent(
     model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float, usual: float
 ) -> Diagnosed:
-    """The model with a narrow zone about every effect's null in which nobody cares whether it is there.
+    """The model with a narrow prior about every effect's null: within it, a present effect does not matter.
 
-    Where a vehicle's file states tolerances of its equations, effects that it says nothing of may be there a little
-    all the same: a tenth of what is usually meant by them, and what is less than a row's fraction for timing.
+    Where a vehicle's file states tolerances of its equations, effects that it says nothing about may be present a
+    little all the same: by `CAL.indifference` of their usual size, and for timing by a fraction of a row.
     """
     value = [parameter for parameter in model.parameters if not parameter.fixed and parameter.prior is not None]
     if vehicle is None or isinstance(model, MemoryModel) or not value:
@@ -213,14 +213,14 @@ def _indifferent(
 
 
 def usual_size(model: Diagnosed, effect: Effect) -> float:
-    """What is usually meant by an effect on this vehicle: lengths go with the wheelbase, forces with the weight."""
+    """Usual size of an effect on this vehicle: lengths are in proportion to the wheelbase, forces to the weight."""
     own = effect.parameter
     typical = abs(effect.typical - float(own.array))
     return _sizes(model).get(own.unit, typical) if isinstance(model, MotionModel) else typical
 
 
 def _sizes(model: MotionModel) -> dict[str, float]:
-    """By unit, what is usually meant by an effect here: lengths go with the wheelbase, forces with the weight."""
+    """By unit, usual sizes of effects on this vehicle: lengths in proportion to the wheelbase, forces to the weight."""
     held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
     result = {}
     if {"l_f", "l_r"} <= held.keys():
@@ -241,11 +241,11 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
             model = observed(model, state, rate)
     model = replace(model, passes=min(model.passes, CAL.passes))
     model = with_stable_slip(model)
-    return model if model.learnt else with_unknown_forces(model)  # its network took up what forces lack
+    return model if model.learnt else with_unknown_forces(model)  # its network has absorbed unknown forces
 
 
 def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
-    """A parameter, held unless something is believed of it, whether it is of the equations or of an effect on them."""
+    """A parameter of the equations or of an effect on them, held unless it has a prior."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)
     effects = vehicle.model.effects if vehicle.model is not None else {}

@@ -1,10 +1,10 @@
-"""Slip angles that steps can follow, however slow or stiff a simulated vehicle becomes.
+"""Slip angles with which integration steps stay stable, however slow or stiff a simulated vehicle becomes.
 
-Sideslip and yaw rate settle at a rate that goes with stiffness over inertia and speed. Runs are cut into steps by
-speeds that were read and parameters that are stated; a simulation that is slower, or stiffer, would need shorter ones:
-an explicit method is unstable there, tyres saturate, and what is left is noise that any change rolls anew. So slip
-angles are those of a vehicle no slower than its steps are stable at. It settles within about a step in place of less;
-where it settles stays the same.
+Sideslip and yaw rate settle at a rate in proportion to stiffness over inertia and speed. Runs are cut into steps by
+measured speeds and stated parameters; a simulation that is slower or stiffer would need shorter ones: the explicit
+method becomes unstable, tyres saturate, and the result is noise that any change redraws. So slip angles are those of a
+vehicle that is no slower than its steps are stable for. It settles within about a step instead of less; where it
+settles stays the same.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ STEP = "step_length"
 """Name of the input that carries how long the steps of a row are, s."""
 SLIPS = ("alpha_f", "alpha_r")
 NEEDED = ("stiffness_f", "stiffness_r", "grip_f", "grip_r", "C_alpha_f", "C_alpha_r", "m", "I_z", "l_f", "l_r")
-"""What tells how fast a vehicle settles: quantities, combinations and parameters."""
+"""What determines how fast a vehicle settles: quantities, combinations and parameters."""
 
 
 def with_stable_slip(model: MotionModel) -> MotionModel:
-    """The model with slip angles that steps can follow; the same where it has none, or no stiffness that is known.
+    """The model with stable slip angles; unchanged where it has no slip angles, or its stiffnesses are unknown.
 
-    Steps of no length, which is what a recording without `STEP` has, change nothing.
+    Steps of no length, as in recordings without `STEP`, change nothing.
     """
     combinations = {item.name: item for item in model.combinations}
     known = {*model.quantities, *combinations, *(parameter.name for parameter in model.parameters)}
@@ -49,12 +49,12 @@ def with_stable_slip(model: MotionModel) -> MotionModel:
 
 
 def _rate(combinations: Mapping[str, Combination], q: Quantities) -> Symbol:
-    """How fast the faster mode of sideslip and yaw rate settles, times the speed, m/s^2."""
+    """Rate at which the faster mode of sideslip and yaw rate settles, times the speed, m/s^2."""
     p = q.p
     front, rear = (
         combinations[f"C_alpha_{axle}"].of(p)
         * cs.fmax(getattr(q.before, f"stiffness_{axle}"), 1)
-        * cs.fmax(getattr(q.before, f"grip_{axle}"), 1)  # of some tyres it raises the slope, too
+        * cs.fmax(getattr(q.before, f"grip_{axle}"), 1)  # with some tyres grip raises the slope, too
         for axle in "fr"
     )
     slides, turns = (front + rear) / p.m, (p.l_f**2 * front + p.l_r**2 * rear) / p.I_z
@@ -63,7 +63,7 @@ def _rate(combinations: Mapping[str, Combination], q: Quantities) -> Symbol:
 
 
 def with_step_lengths(model: MotionModel, run: MotionRun, longest: float | Array) -> MotionRun:
-    """The run with the length of the steps that each of its rows is cut into, no longer than this, s."""
+    """The run with the length of the steps that each of its rows is cut into as an input, at most `longest`, s."""
     if STEP not in model.inputs:
         return run
     at, inputs, held = model.inputs.index(STEP), run.inputs.copy(), run.held.copy()

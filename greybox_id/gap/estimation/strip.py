@@ -1,4 +1,4 @@
-"""What the picture of a gap is drawn from: time and path, spectrum, and the map of speed and lateral acceleration."""
+"""Data of the pictures of a gap: over time and path, spectrum, and map over speed and lateral acceleration."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from .noise import blocks
 
 @dataclass(frozen=True)
 class Strip:
-    """What a picture of a gap along time and path is drawn from, per block of time.
+    """Data of the pictures of a gap, per block of time.
 
     Attributes
     ----------
-    time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
+    time : (n,) s, middles of the blocks; where recordings' times start anew, runs are put one after the other.
     before, after : (n,) mean square of the errors over the noise's.
-    x, y : (n,) m, the path as it is recorded, else as it is integrated from speed and yaw rate; empty where neither is.
+    x, y : (n,) m, the path as recorded, else integrated from speed and yaw rate; empty where neither is recorded.
     frequency : (k,) Hz.
     spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
     map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
-        the first NaN where never driven.
+        the first NaN in cells never driven.
     """
 
     time: Array
@@ -50,7 +50,7 @@ def strip(
     excess: Array,
     recordings: Sequence[Recording] = (),
 ) -> Strip:
-    """The picture's data.
+    """The pictures' data.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def strip(
     before, after : (N, channels) residuals, zero where nothing counts.
     sd : (channels,) of noise.
     seen : signals per row.
-    excess : (N,) what the map is of: squares of errors over noise that count as the gap.
+    excess : (N,) squares of errors over noise that make up the gap, for the map.
     recordings : whose rows these are, for the path.
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
@@ -89,7 +89,7 @@ def strip(
 
 
 def _middles(values: Array, parts: Sequence[slice]) -> Array:
-    """Means of blocks; NaN of one without readings, nothing of nothing."""
+    """Means over blocks; NaN for a block without readings, empty where there are no values."""
     if not len(values):
         return values
     value = [values[part][np.isfinite(values[part])] for part in parts]
@@ -97,7 +97,7 @@ def _middles(values: Array, parts: Sequence[slice]) -> Array:
 
 
 def _recorded(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
-    """The path where every row's recording holds it."""
+    """The path, if it is recorded for every row."""
     if not recordings or not all({"x", "y"} <= recording.signals.keys() for recording in recordings):
         return None
     time = np.concatenate([recording.time for recording in recordings])
@@ -138,7 +138,7 @@ def _edges(values: Array) -> Array:
 
 
 def running(time: Array) -> Array:
-    """Time that goes on where it starts again, as it does between recordings."""
+    """Time that continues where it starts anew, as between recordings."""
     steps = np.diff(time, prepend=time[0] if len(time) else 0.0)
     usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else 1.0
     if np.all(steps >= 0):

@@ -1,4 +1,4 @@
-"""Forces that no equation knows: where model error acts on a motion model."""
+"""Unknown forces: the inputs by which model error acts on a motion model."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from ...models.parameter import Parameter
 FORCES = {"F_yf": ("error_F_yf", "y"), "F_yr": ("error_F_yr", "y"), "F_drag": ("error_F_drag", "x")}
 """Quantity -> name of the unknown force that is added to it, and the direction whose amplitude it has."""
 SCALES = {"F_yf": ("F_yf",), "F_yr": ("F_yr",), "F_drag": ("drive_force", "F_drag")}
-"""Quantities whose sizes add up to the force that a share is of."""
+"""Unknown force's quantity -> quantities whose sizes add up to the force that it is a share of."""
 
 
 def knows_unknown_forces(model: Model) -> bool:
-    """Whether a model has them."""
+    """Whether a model has unknown forces."""
     return any(name in model for name, _ in FORCES.values())
 
 
 def with_unknown_forces(model: MotionModel) -> MotionModel:
-    """The model with an unknown force, zero for now, on every force that it has of `FORCES`."""
+    """The model with an unknown force, zero for now, added to each of its forces in `FORCES`."""
     there = {force: name for force, (name, _) in FORCES.items() if force in model.quantities}
     if not there or "m" not in model:
         return model

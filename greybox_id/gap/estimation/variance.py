@@ -1,10 +1,10 @@
-"""Effects that change no expected reading, but how readings scatter: repeated rows, jitter of their instants.
+"""Effects that change no expected reading, only the scatter of readings: repeated rows, jitter of sampling instants.
 
-Jitter moves readings along their rates, and where commands are held, past them: accelerations then jump, or do not, as
-a coin falls.
+Jitter moves readings along their rates, and where commands are held, past them: accelerations then jump or not at
+random.
 
-They are not looked for under a map with memory, whose training left the same scatter, and which knows no instants
-between its samples.
+These effects are not searched for under a map with memory, whose training left the same scatter, and which knows no
+instants between its samples.
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from ...models.effect import Effect
 from .calibration import CAL
 
 AT_ONCE = "sensor_latency_imu"
-"""What makes readings of accelerations late."""
+"""Effect that delays readings of accelerations."""
 VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
 """Least and greatest logarithm of jitter's variance that is tried."""
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """What readings' scatter tells.
+    """Estimate of an effect on scatter.
 
     Attributes
     ----------
     magnitude : share of rows, or seconds.
-    sd : of it.
+    sd : of the magnitude.
     gain : in log-likelihood.
-    left : mean square of residuals over that of noise, once it is taken into account.
+    left : mean square of residuals over that of noise, with the effect taken into account.
     """
 
     magnitude: float
@@ -65,7 +65,7 @@ def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
 
 
 def dropped(held: NDArray[np.bool_]) -> Scatter | None:
-    """Rows held stale; None where there are none."""
+    """The share of rows that are held stale; None where these are too few to be no accident."""
     count = int(np.sum(held))
     if count < CAL.some_repeats:
         return None
@@ -74,16 +74,16 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
 
 
 def fresh(bench: FreeRuns) -> NDArray[np.bool_]:
-    """(N, channels) readings that count, but for rows held stale, where these are no accident."""
+    """(N, channels) readings that count, without rows held stale where these are no accident."""
     held = repeats(bench)
     return bench.counted & ~held[:, None] if dropped(held) is not None else bench.counted
 
 
 def steady(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
-    """Rates of readings, and where they are known, (N, channels): where no command makes them jump.
+    """Rates of readings, (N, channels), and where they are known: where no command makes readings jump.
 
-    Where commands are held, accelerations jump with them at every row: a reading that comes early by however little
-    sees the whole jump. What states read does not.
+    Where commands are held, accelerations jump with them at every row: a reading that is early by however little shows
+    the whole jump. Readings of states do not jump.
 
     Parameters
     ----------
@@ -105,9 +105,9 @@ def steady(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tup
 def jitter(
     bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jumps: Array | None = None
 ) -> Scatter | None:
-    """Scatter of the sampling instant: all channels of a row are off by their rates times the same time.
+    """Scatter of the sampling instant: errors of all channels in a row are their rates times the same time.
 
-    Looked for in what is left of residuals without the mean of those around, for what lasts is none.
+    It is estimated from residuals less the mean of their neighbours, for jitter does not last.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def jitter(
     h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
 
     def squares(v: float, of: Array) -> Array:
-        """(N,) squares of residuals without what jitter of v times their variance makes likely."""
+        """(N,) squares of residuals less the part expected from jitter of v times their variance."""
         result: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
         return result
 
@@ -135,7 +135,7 @@ def jitter(
         return max(float(np.sum(squares(v, of))) / max(int(np.sum(count)), 1), 1e-300)
 
     def scale(v: float) -> float:
-        """Noise is as large as it must be beside it."""
+        """Variance of noise that is most likely beside it."""
         return left(v, brief)
 
     def losses(v: float) -> Array:
@@ -164,7 +164,7 @@ def jitter(
     at, step = float(best.x), 0.05
     curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
     variance = float(np.exp(at))
-    rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of it is left by a mean that is taken off
+    rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of its variance remains once the mean is subtracted
     tau = float(np.sqrt(variance * scale(variance) / rest))
     ends = [variance * float(np.exp(side)) for side in (-step, step)]
     follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
@@ -174,11 +174,11 @@ def jitter(
 
 
 def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
-    """Log-likelihood that channels gain if each scatters by itself, over what they gain from one jitter of all.
+    """Log-likelihood gained by a separate jitter for each channel, over one jitter for all.
 
     Parameters
     ----------
-    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    a, z : (N, channels) rates, and residuals less the mean of their neighbours, over the noise.
     use : (N, channels) where rates are known.
     v : variance of the jitter of all over that of noise.
     """
@@ -199,11 +199,11 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
 
 
 def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
-    """By how many sds the instants that neighbouring rows tell are alike: jitter is another one in every row.
+    """By how many sds the time errors of neighbouring rows correlate: jitter is independent from row to row.
 
     Parameters
     ----------
-    a, z : (N, channels) rates and residuals without what lasts, over the noise.
+    a, z : (N, channels) rates, and residuals less the mean of their neighbours, over the noise.
     v : variance of jitter over that of noise; rows count where it would exceed the noise.
     runs : rows of each.
     """
@@ -216,18 +216,18 @@ def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
         return 0.0
     one, other = t[pairs], t[pairs + 1]
     K = 2 * CAL.rows_beside + 1
-    by_chance = -(K + 1) / (K * (K - 1))  # of white noise without the mean of K rows
+    by_chance = -(K + 1) / (K * (K - 1))  # for white noise less the mean of K rows
     alike = float(np.sum(one * other) / np.sqrt(np.sum(one**2) * np.sum(other**2)))
     return (alike - by_chance) * float(np.sqrt(len(pairs)))
 
 
 def coin(jumps: Array, z: Array) -> float:
-    """Log-likelihood gained if rows come before or after their command as a coin falls, over all of them alike.
+    """Log-likelihood gained if each row comes before or after its command at random, over the same share for all rows.
 
     Parameters
     ----------
     jumps : (N, channels) by which readings before and after differ, over their noise.
-    z : (N, channels) residuals without what lasts, over the noise; its size is refitted in both.
+    z : (N, channels) residuals less the mean of their neighbours, over the noise; its size is refitted in both.
     """
     value = np.any(jumps != 0, axis=1)
     j, z = jumps[value], z[value]
@@ -238,7 +238,7 @@ def coin(jumps: Array, z: Array) -> float:
     across, along, length = np.sum(z**2, axis=1), np.sum(z * j, axis=1), np.sum(j**2, axis=1)
     alike = float(np.sum(across) - np.sum(along) ** 2 / np.sum(length)) / count
     best = -np.inf
-    for share in CAL.jump_shares:  # what the best model takes up of all jumps alike
+    for share in CAL.jump_shares:  # of each jump that the best model has absorbed
         ends = [across - 2 * c * along + c**2 * length for c in (share, share - 1.0)]
 
         def loss(log_variance: float, ends: Sequence[Array] = ends) -> float:
@@ -252,7 +252,7 @@ def coin(jumps: Array, z: Array) -> float:
 
 
 def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
-    """(N, channels) residuals that count, without the mean of those beside them."""
+    """(N, channels) residuals that count, less the mean of their neighbours."""
     result = z.copy()
     for rows in runs:
         around = [uniform_filter1d(item[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for item in (z, good)]
@@ -274,11 +274,11 @@ def jumps_by_commands(bench: FreeRuns, p: Array, effects: Mapping[str, Effect]) 
 
 
 def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None) -> bool:
-    """Whether jitter alone explains more than the best hypothesis does, and that explains little beside it.
+    """Whether jitter alone explains more than the best hypothesis, and the latter explains little beside it.
 
-    Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
-    little: where it is not known by how much they jump, only the others count. What explains a little leaves more than
-    noise where jitter leaves noise, and nothing where jitter does not act.
+    Where a command makes readings jump, an early reading does not follow from rates, and delays and lags explain it in
+    part: where the size of these jumps is unknown, only the other readings count. A hypothesis that explains little
+    leaves more than noise where jitter leaves noise, and gains nothing where jitter does not act.
 
     Parameters
     ----------
@@ -306,11 +306,11 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
 def sole_jitter(
     bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None
 ) -> Scatter | None:
-    """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
+    """Jitter beside which only noise is left: model error that lasts a row or two looks like jitter as well."""
     scatter = jitter(bench, e, y, sd, good, jump)
     return scatter if scatter is not None and scatter.left <= CAL.unnamed_noise**2 else None
 
 
 def surely(gain: float) -> float:
-    """The probability of an effect of variance, by its log-likelihood."""
+    """The probability of an effect on scatter, by its log-likelihood."""
     return float(expit(gain - CAL.cost_without_forces))

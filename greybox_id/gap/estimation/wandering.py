@@ -1,9 +1,9 @@
-"""Does a number wander that the equations hold still: a bank of the road, an offset of the steering, grip?
+"""Does a parameter vary in time that equations hold constant: bank of the road, offset of the steering, grip?
 
 A magnitude theta(t) = theta + sigma xi(t) beside the unknown forces, xi a first-order Gauss-Markov process of unit
-variance like theirs. It moves the vehicle as the effect does: both axles at once, or the front one alone; by that
-it is told from forces that have nothing to do with each other. Source: Kristensen, Madsen & Jorgensen, Automatica 40,
-2004, where the diffusion of a parameter's equation tells that it is none.
+variance like theirs. It moves the vehicle as the effect does: both axles at once, or the front one alone; that
+distinguishes it from independent unknown forces. Source: Kristensen, Madsen & Jorgensen, Automatica 40, 2004, where
+diffusion in a parameter's equation shows that the parameter is not constant.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from .model_error import Amplitudes, Believed, ForceSizes, Linearised, laid, lin
 
 @dataclass(frozen=True)
 class Wander:
-    """An effect's magnitude that varies all the time.
+    """An effect whose magnitude varies all the time.
 
     Attributes
     ----------
     effect, unit : of the magnitude.
-    sd : standard deviation of its changes.
-    correlation_time : s, in which it changes.
-    gain : log-likelihood over the best magnitude that stays, beside unknown forces as they usually are.
+    sd : standard deviation of its variation.
+    correlation_time : s, of its variation.
+    gain : log-likelihood over the best constant magnitude, beside unknown forces of their usual size.
     """
 
     effect: str
@@ -52,19 +52,19 @@ def wandering(
     noise: Array,
     requested: Sequence[tuple[str, Axis]],
 ) -> tuple[Wander, ...]:
-    """Effects that stand for unknown forces if their magnitudes wander: the likeliest, and what gains about as much.
+    """Effects whose varying magnitudes would replace unknown forces: the likeliest, and those about as likely.
 
-    Beside one of them forces are as large as they usually are, and it explains as much as larger ones do, or more.
+    Beside such an effect, unknown forces have their usual size, and it explains as much as larger ones do, or more.
 
     Parameters
     ----------
     bench : of a model with unknown forces.
-    p : (parameters,) the explanation that left the residuals.
+    p : (parameters,) of the explanation that left the residuals.
     residuals : (N, channels).
     usable : (N, channels).
     one : amplitudes of model error beside it.
     prior : of these.
-    noise : (channels,) with which the starts of runs are read.
+    noise : (channels,) standard deviations of the readings at which runs start.
     requested : effects with the axes of their magnitudes, which act at once and gradually.
     """
     sizes = ForceSizes(bench)
@@ -85,7 +85,7 @@ def wandering(
 
     firsts = [best(_everywhere(quiet, unit, CAL.wander_memories), k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)
-    by_chance = float(np.log(max(len(requested), 1) / CAL.rare))  # twice what two numbers gain is chi-square of two
+    by_chance = float(np.log(max(len(requested), 1) / CAL.rare))  # twice such a gain is chi-square of two
     wanders = list[tuple[float, Wander]]()
     for k, ((name, axis), (cost, lane)) in enumerate(zip(requested, firsts, strict=True)):
         if cost < least + CAL.cost:
@@ -116,7 +116,7 @@ def _about(amplitudes: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
 def _best(
     about: Linearised, r: Array, prior: Believed, tried: Iterator[Lane], forces: int, column: int
 ) -> tuple[float, Lane]:
-    """The least cost of some lanes, and where it is."""
+    """Least cost over some lanes, and the lane that has it."""
     lanes = list(tried)
     cost = _costs(about, r, prior, lanes, forces, column)
     return float(np.min(cost)), lanes[int(np.argmin(cost))]
@@ -125,7 +125,7 @@ def _best(
 def _costs(
     about: Linearised, r: Array, prior: Believed, lanes: Sequence[Lane], forces: int, column: int | None
 ) -> Array:
-    """(lanes,) negative log-likelihood, and that of the amplitudes by their prior."""
+    """(lanes,) negative log-likelihood, plus the cost of the amplitudes by their prior."""
     chosen = [*range(forces), *([] if column is None else [column])]
     one = replace(about, B=np.ascontiguousarray(about.B[..., chosen]), D=np.ascontiguousarray(about.D[..., chosen]))
     scale, fade, slow, white, colour, channels = laid(one, [amplitudes for amplitudes, _, _ in lanes])
@@ -138,4 +138,4 @@ def _costs(
         channels, r, np.empty((0, 0)), np.empty(0),
     )  # fmt: skip
     cost = nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes]))
-    return np.where(np.isfinite(cost), cost, np.inf)  # derivatives of what nearly spins have no end
+    return np.where(np.isfinite(cost), cost, np.inf)  # derivatives overflow where the vehicle nearly spins
