@@ -1,8 +1,7 @@
-"""How one clock runs against another: by how much it is ahead, and by how much faster it runs.
+"""Alignment of two clocks that record the same quantity: their offset and relative rate.
 
-Both read one quantity. Over rates that quartz and operating systems reach, series are compared by cross-correlation;
-from the best, offset, rate, gain and constant are refined by least squares, and blocks left out in turn tell how sure
-they are.
+Smoothed series are cross-correlated at all rates that quartz clocks and operating systems reach; from the best match,
+offset, rate, gain and constant are refined by least squares. A block jackknife gives their uncertainty.
 """
 
 from __future__ import annotations
@@ -15,23 +14,23 @@ from ..base.shorthands import Array
 from ..base.statistics import smoothed
 
 FASTEST = 0.03
-"""Share by which a clock may run fast or slow."""
+"""Largest share by which a clock may run fast or slow."""
 COARSE = 0.04
-"""s between the samples of the first search, at least."""
+"""Smallest sampling step of the coarse search, s."""
 SMOOTHING = 0.1
-"""s, standard deviation of the smoothing of the first search; a rate is tried wherever the ends move by so much."""
+"""Standard deviation of the smoothing in the coarse search, s; neighbouring rates shift the ends by this much."""
 REFINED = 1.5
-"""Samples of the same before refining: interpolation weakens white noise half-way between samples."""
+"""Standard deviation of the smoothing before refinement, in samples: interpolation damps noise between samples."""
 ALIKE = 0.9
-"""Correlation below which two series are not the same quantity on two clocks."""
+"""Correlation below which two series do not show the same quantity."""
 FEWEST_SHARED = 100
-"""Samples in common below which nothing is told."""
+"""Samples in common below which nothing is estimated."""
 BLOCKS = 20
 SURE = 2.0
-"""Standard deviations from which a rate is taken off; a smaller one may be none."""
+"""Standard deviations from which a rate is significant; otherwise it is set to zero."""
 STEPS = 40
 SEARCHED = 300.0
-"""s of a long recording in which the search begins."""
+"""s of a long recording to which the coarse search is confined."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +40,9 @@ class ClockAlignment:
     Attributes
     ----------
     start : instant of the first clock that offsets refer to, s.
-    seconds, sd : by how much the other clock is ahead there, and its standard deviation, s.
-    rate, rate_sd : share by which it runs fast; 0 where it is no more than chance.
-    left : standard deviation of what is left anywhere in the time in common, the largest, s.
+    seconds, sd : offset of the other clock at that instant, positive if ahead, and its standard deviation, s.
+    rate, rate_sd : share by which the other clock runs fast; 0 if not significant.
+    left : largest standard deviation of the remaining offset within the common time, s.
     correlation : of the two series once aligned.
     """
 
@@ -56,18 +55,18 @@ class ClockAlignment:
     correlation: float
 
     def corrected(self, time: Array) -> Array:
-        """Times of the other clock as the first has them, s."""
+        """Times of the other clock converted to the first clock, s."""
         return np.asarray(self.start + (time - self.start - self.seconds) / (1 + self.rate))
 
 
 def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) -> ClockAlignment | None:
-    """How the second clock runs against the first; None where the series are not alike enough to tell.
+    """Alignment of the second clock to the first; None if the series are not similar enough.
 
     Parameters
     ----------
     t, v : (n,) instants, increasing, s, and values of the first.
     t_other, v_other : (m,) of the second.
-    longest : offsets up to this are looked for, s.
+    longest : largest offset to search, s.
     """
     step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
     if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < FEWEST_SHARED * step:
@@ -76,7 +75,7 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
     span, whole = min(value[-1], SEARCHED), value[-1]
     part = value <= span
     begun = _searched(value[part], v[part], other, v_other, max(step, COARSE), longest)
-    while begun is not None and span < whole:  # a part tells the rate well enough for one that is four times as long
+    while begun is not None and span < whole:  # the rate from a part is good enough to start on one four times as long
         part = value <= span
         reached = _refined(value[part], v[part], other, v_other, step, begun, True)
         begun, span = (None if reached is None else (reached.seconds, reached.rate)), 4 * span
@@ -91,8 +90,8 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
 
 
 def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: float) -> tuple[float, float] | None:
-    """Offset and rate at which smoothed series correlate best."""
-    from scipy.signal import correlate, correlation_lags  # which takes longer to load than most files to read
+    """Offset and rate at which the smoothed series correlate best."""
+    from scipy.signal import correlate, correlation_lags  # imported here: slower to load than most files to read
 
     grid = np.arange(t[0], t[-1], step)
     value = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
@@ -103,7 +102,7 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
     best: tuple[float, float, float] | None = None
     reach = int(longest / step)
     for rate in FASTEST * np.arange(-count, count + 1) / max(count, 1):
-        # the other clock's values where it would stand at the grid's instants without an offset
+        # the other clock's values at the grid's instants if there were no offset
         values = np.interp(grid * (1 + rate), u, w, left=np.nan, right=np.nan)
         there = np.isfinite(values)
         if np.count_nonzero(there) < FEWEST_SHARED:
@@ -122,8 +121,8 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
 def _refined(
     t: Array, v: Array, u: Array, w: Array, step: float, begun: tuple[float, float], with_rate: bool
 ) -> ClockAlignment | None:
-    """Least squares over offset, rate, gain and constant from where the search ended."""
-    from scipy.interpolate import CubicSpline  # which takes longer to load than most files to read
+    """Least squares over offset, rate, gain and constant, started from the coarse search."""
+    from scipy.interpolate import CubicSpline  # imported here: slower to load than most files to read
 
     own_step, other_step = float(np.median(np.diff(t))), float(np.median(np.diff(u)))
     sigma = REFINED * step
@@ -163,7 +162,7 @@ def _refined(
 
 
 def _jackknife(design: Array, left: Array) -> Array:
-    """Covariance of the last step from blocks left out in turn."""
+    """Covariance of the last least-squares step, by leaving out blocks in turn."""
     edges = np.linspace(0, len(left), BLOCKS + 1).astype(int)
     blocks = list(zip(edges, edges[1:], strict=False))
     squares = [design[a:b].T @ design[a:b] for a, b in blocks]

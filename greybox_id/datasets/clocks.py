@@ -1,8 +1,8 @@
-"""Signals that were recorded on clocks of their own, brought onto one.
+"""Signals recorded on different clocks, resampled to one clock.
 
-The clock is that of the column the map names as time, else the most regular of the fast ones. Where its steps are
-regular its own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined
-by straight lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings.
+That is the clock of the column which the map names as time, else the most regular of the fast ones. If its steps are
+regular, its time stamps are kept; otherwise an even grid of its usual step replaces them. Measurements are interpolated
+linearly, commands are held, neither across a gap. The resampling error is estimated from the readings.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from ..base.statistics import moving_mean
 from .recording import Recording, Resampled
 
 REGULAR = 0.05
-"""Steps that scatter by less than this share of the usual one are kept as they are."""
+"""Largest scatter of steps, as a share of the usual step, at which time stamps are kept."""
 LINEAR_GAP = 3.0
-"""Usual steps without a reading, beyond which no line is drawn."""
+"""Usual steps without a reading beyond which values are not interpolated."""
 HELD_GAP = 5.0
-"""Usual steps without a command, beyond which it is no longer held ..."""
+"""Usual steps without a command beyond which the last one is no longer held ..."""
 HELD_SECONDS = 0.5
-"""... but so many seconds at least: commands are often sent only when they change."""
+"""... but at least this many seconds: commands are often sent only when they change."""
 MOST_ROWS = 50_000_000
-"""More rows than that are a clock gone wrong."""
+"""Largest number of resampled rows; more indicate a faulty clock."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +38,8 @@ class Readings:
 
     Attributes
     ----------
-    name : the group's.
-    time : (n,) s, from an origin that all groups of a file share.
+    name : of the group in the file.
+    time : (n,) s, from an origin common to all groups of a file.
     signals : name -> (n,) in SI units.
     """
 
@@ -50,7 +50,7 @@ class Readings:
 
 @dataclass(frozen=True)
 class Joined:
-    """Signals on one clock: time (n,) in s, signals (n,) each, how they came there, and what else was done."""
+    """Signals on one clock: time (n,) in s, signals (n,) each, how they were resampled, and notes on other changes."""
 
     time: Array
     signals: Mapping[str, Array]
@@ -59,15 +59,15 @@ class Joined:
 
 
 def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where: str, kind: str = "") -> Joined:
-    """Bring all groups onto the clock of one.
+    """Resample all groups to the clock of one of them.
 
     Parameters
     ----------
     groups : two or more.
-    named : name of the group whose clock is taken; None takes the most regular of the fast ones.
-    hold : "zero" holds commands, "linear" takes them as measured.
+    named : name of the group whose clock is used; None takes the most regular of the fast ones.
+    hold : "zero" holds commands, "linear" interpolates them as measurements.
     where : the file, for sentences.
-    kind : "the recording", where each group is one; for sentences.
+    kind : "the recording" if each group is a recording; for sentences.
 
     Raises
     ------
@@ -105,19 +105,18 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
 
 
 def at_rate(recording: Recording, rate: float) -> Recording:
-    """A recording at an even rate: straight lines between measurements, commands held or run on as they are.
+    """A recording resampled to an even rate: measurements interpolated linearly, commands as `Recording.hold` states.
 
-    At a slower rate than its own, measurements are means over the new step first, which keeps what is faster from
-    turning up as something slow.
+    For a rate below the recording's, measurements are first averaged over the new step, to avoid aliasing.
 
     Parameters
     ----------
-    rate : rows a second, Hz.
+    rate : rows per second, Hz.
 
     Raises
     ------
     BadInput
-        No run is as long as two of the new rows, or there would be too many.
+        No run is as long as two of the new rows, or there would be too many rows.
     """
     by = int(1 / (rate * recording.sample_time))
     spans = [(a, b) for a, b in recording.runs if np.all(np.diff(recording.time[a:b]) > 0)]
@@ -151,7 +150,7 @@ def at_rate(recording: Recording, rate: float) -> Recording:
 
 
 def _most_regular(groups: Sequence[Readings], steps: Mapping[str, float]) -> Readings:
-    """Of those that are at least half as fast as the fastest, the group whose steps scatter least."""
+    """The group with the least scatter of steps, among those at least half as fast as the fastest."""
     fast = [group for group in groups if steps[group.name] <= 2 * min(steps.values())]
 
     def scatter(group: Readings) -> float:
@@ -167,7 +166,7 @@ def _method(name: str, hold: str) -> Literal["linear", "held"]:
 
 
 def _reach(group: Readings, steps: Mapping[str, float], hold: str) -> float:
-    """How long after its last reading a group still says something, s."""
+    """How long after its last reading a group still has values, s: commands are held, measurements end at once."""
     all_held = all(_method(name, hold) == "held" for name in group.signals)
     return max(HELD_GAP * steps[group.name], HELD_SECONDS) if all_held else 0.0
 
@@ -176,7 +175,7 @@ def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
     order = np.argsort(group.time, kind="stable")
     order = order[np.isfinite(group.time[order])]
     times = group.time[order]
-    last = np.append(np.diff(times) > 0, True) if len(times) else np.empty(0, bool)  # of doubled instants the last
+    last = np.append(np.diff(times) > 0, True) if len(times) else np.empty(0, bool)  # of equal times the last row
     if np.count_nonzero(last) < 2:
         raise BadInput(f"{where}: {group.name} has fewer than two readings; leave its columns out of the column map.")
     lost = len(group.time) - int(np.count_nonzero(last))
@@ -192,7 +191,7 @@ def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
 
 
 def _instants(time: Array, where: str) -> tuple[Array, bool]:
-    """The clock's own instants where they are regular, else an even grid over each of its stretches."""
+    """The clock's time stamps if they are regular, else an even grid between gaps; whether it is a grid."""
     steps = np.diff(time)
     usual = float(np.median(steps))
     running = steps <= LINEAR_GAP * usual
@@ -209,9 +208,9 @@ def _instants(time: Array, where: str) -> tuple[Array, bool]:
 
 
 def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
-    """Straight lines between readings, and what they miss: s (1 - s) / 2 of the second difference there.
+    """Linear interpolation of readings, and its error (rms, largest): s (1 - s) / 2 times the local second difference.
 
-    That is the error of a parabola through three readings; noise in readings makes it larger than it is.
+    This is the error for a parabola through three readings; noise of the readings makes the estimate too large.
     """
     known = np.isfinite(values)
     t, v = time[known], values[known]
@@ -239,7 +238,7 @@ def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arra
 
 
 def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
-    """The last reading before each instant, and what the clock misses of its steps, which come up to one row late."""
+    """The last reading before each instant, and the error (rms, largest) of steps that appear up to one row late."""
     known = np.isfinite(values)
     t, v = time[known], values[known]
     if not len(t):
@@ -256,7 +255,7 @@ def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array,
 
 
 def _costs(missed: Array, over: float, sizes: Array | None = None) -> tuple[float, float]:
-    """Root mean square and largest of what is missed."""
+    """Root mean square and largest of errors."""
     if not over:
         return 0.0, 0.0
     sizes = missed if sizes is None else sizes

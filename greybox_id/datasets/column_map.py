@@ -1,7 +1,7 @@
 """Column maps: which column of a file holds which signal, in which unit and with which sign.
 
-A column map is a TOML file; the shipped ones lie in `columns/`. It is the one place where a file's own units, signs
-and names are turned into the project's (ISO 8855 axes, SI units).
+A column map is a TOML file; the shipped ones are in `columns/`. It alone defines how a file's units, signs and names
+are converted to ISO 8855 axes, SI units and names of `base/signals.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from ..base.units import DEGREES_AND_MINUTES, degrees_of, to_si
 from .shipped import named_text, shipped_files
 
 NOTHING = ("", "nan", "None", "<NA>")
-"""Texts of a cell that is empty."""
+"""Texts of empty cells."""
 HOLDS = ("zero", "linear")
 SEPARATORS = (",", ";", "\t", "|")
 MAP_KEYS = (
@@ -45,33 +45,33 @@ COLUMN_KEYS = (
     "missing",
 )  # fmt: skip
 RESTS = {"nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms"}
-"""Keys that name the column with what whole seconds of time leave, and its unit."""
+"""Keys that name the column with the fraction of a second, and its unit."""
 POSES_KEYS = ("forward", "left", "heading", "if_column")
 
 
 @dataclass(frozen=True)
 class Column:
-    """How one column of a file becomes a signal.
+    """Conversion of one column of a file to a signal.
 
     Attributes
     ----------
-    signal : the project's name for it.
-    column : the file's name for it.
-    unit : unit of the file's values once multiplied by `scale`, or of what `lookup` makes of them.
+    signal : name of the signal.
+    column : name in the file.
+    unit : unit of the file's values after multiplication by `scale`, or of the values of `lookup`.
     si_unit : unit after conversion.
-    scale : multiplies the file's values first (for counts, electrical speeds and the like).
-    lookup : points (x, y), x increasing: x becomes y on straight lines between them, and stays at the first and the
-        last y beyond them. Empty for none.
+    scale : factor applied first (for counts, electrical speeds and the like).
+    lookup : points (x, y), x increasing: linear interpolation from x to y, constant beyond the first and last point.
+        Empty for none.
     sign : -1 turns a clockwise-positive or reversed axis into ISO 8855.
     offset : added last, in the SI unit.
-    optional : a file without this column can still be read.
-    otherwise : further names that the column has in other files; the first one that is there counts.
-    other_units : of these, where they are not `unit`.
-    rest : of time: the column that holds what whole seconds leave; empty for none.
+    optional : whether the column may be missing.
+    otherwise : alternative names of the column in other files; the first one in the file is used.
+    other_units : units under the alternative names, if not `unit`.
+    rest : of a time column: the column with the fraction of the second; empty for none.
     rest_unit : "ns", "us" or "ms" of that column.
-    sign_column : the column that says which rows of a magnitude are negative; empty for none.
-    negative : what it holds there, a number or a text.
-    missing : numbers of the file that stand for no reading, such as -9999.
+    sign_column : the column that marks in which rows a magnitude is negative; empty for none.
+    negative : value of the sign column in those rows, a number or a text.
+    missing : numbers in the file that mean "no reading", such as -9999.
     """
 
     signal: str
@@ -92,7 +92,7 @@ class Column:
     missing: tuple[float, ...] = ()
 
     def sign_of(self, cell: str) -> float:
-        """What a magnitude is multiplied by where the sign column has this text; NaN where that says nothing."""
+        """Factor on a magnitude for a text in the sign column; NaN for an empty cell."""
         text = cell.strip()
         if isinstance(self.negative, str):
             return np.nan if text in NOTHING else -1.0 if text == self.negative else 1.0
@@ -106,7 +106,7 @@ class Column:
         return np.nan if np.isnan(value) else -1.0 if value == self.negative else 1.0
 
     def convert(self, values: Array) -> Array:
-        """Values in SI units, (n,) for (n,) of the file's values."""
+        """File values (n,) converted to SI units (n,)."""
         conversion = to_si(self.unit, self.si_unit)
         values = np.where(np.isin(values, self.missing), np.nan, values) if self.missing else values
         scaled = self.scale * (degrees_of(values) if self.unit == DEGREES_AND_MINUTES else values)
@@ -115,29 +115,29 @@ class Column:
         return self.sign * (conversion.factor * scaled + conversion.offset) + self.offset
 
     def among(self, is_there: Callable[[str], object]) -> Column:
-        """The same column under the first of its names that is there; under its own where none is."""
+        """The column under the first of its names for which `is_there` is true; unchanged if none is."""
         return self.named(next(filter(is_there, (self.column, *self.otherwise)), self.column))
 
     def named(self, name: str) -> Column:
-        """The same column under one of its names, in the unit of that."""
+        """The column under one of its names, with the unit that belongs to that name."""
         units = dict(zip(self.otherwise, self.other_units, strict=False))
         return replace(self, column=name, unit=units.get(name, self.unit) if name != self.column else self.unit)
 
     @property
     def unit_field(self) -> str:
-        """How a column map states the unit, or those of all its names."""
+        """The unit key of a column map, with one unit or one per name."""
         if not self.other_units:
             return f"unit = {quoted(self.unit)}"
         return f"unit = [{', '.join(map(quoted, (self.unit, *self.other_units)))}]"
 
     @property
     def names(self) -> list[str]:
-        """The columns that it is read from."""
+        """All columns of the file that are read for this one."""
         return [name for name in (self.column, self.rest, self.sign_column) if name]
 
     @property
     def sign_fields(self) -> list[str]:
-        """How a column map says which rows are negative."""
+        """The keys of a column map that mark negative rows."""
         if not self.sign_column:
             return []
         negative = quoted(self.negative) if isinstance(self.negative, str) else f"{self.negative:g}"
@@ -145,26 +145,26 @@ class Column:
 
     @property
     def missing_fields(self) -> list[str]:
-        """How a column map says which numbers stand for no reading."""
+        """The key of a column map for numbers that mean "no reading"."""
         listed = ", ".join(f"{value:.15g}" for value in self.missing)
         return [f"missing = {listed if len(self.missing) == 1 else f'[{listed}]'}"] if self.missing else []
 
     @property
     def rest_fields(self) -> list[str]:
-        """How a column map names what whole seconds of time leave."""
+        """The key of a column map for the fraction of the second."""
         key = next(key for key, unit in RESTS.items() if unit == self.rest_unit)
         return [f"{key} = {quoted(self.rest)}"] if self.rest else []
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where on the vehicle poses are taken.
+    """Mounting point of poses on the vehicle.
 
     Attributes
     ----------
-    forward, left : of the pose's point from the centre of gravity, m.
-    heading : of the pose's own x axis from the vehicle's, to the left, rad.
-    if_column : holds for files that have this column; empty for all.
+    forward, left : position of the pose's point relative to the centre of gravity, m.
+    heading : angle from the vehicle's x axis to the pose's x axis, to the left, rad.
+    if_column : only for files with this column; empty for all files.
     """
 
     forward: float = 0.0
@@ -175,26 +175,26 @@ class Reference:
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Which column holds what.
+    """Assignment of a file's columns to signals.
 
     Attributes
     ----------
     name : short name, kept in the recording's source.
     time : the time column; converted to seconds.
     signals : signal name -> column, for names of `greybox_id.base.signals.SIGNALS`.
-    extra : name -> column for a file's own further channels.
-    about, source : for people: signs, traps, where such files come from.
-    hold : how commands run between rows, "zero" (held) or "linear".
-    hold_stated : whether the map says so; where it does not, a fit weighs both.
-    rate : rows a second, Hz, of files without a column of time; 0 where there is one.
-    run_column : a column whose change begins a new run; empty if there is none.
+    extra : name -> column, for further channels of the file.
+    about, source : description for users: signs, pitfalls, origin of such files.
+    hold : commands between rows, "zero" (held) or "linear".
+    hold_stated : whether the map states `hold`; if not, a fit compares both.
+    rate : rows per second, Hz, of files without a time column; 0 for files with one.
+    run_column : column whose change begins a new run; empty for none.
     run_column_optional : whether a file may lack it.
-    start_column : rows before this one is first other than zero are no recording yet; empty if there is none.
+    start_column : column whose first non-zero value begins the recording; empty for none.
     start_column_optional : whether a file may lack it.
-    poses : where on the vehicle x, y and yaw are taken, if the motion is to be made of them; of several the first that
-        holds for a file. Empty if it is not.
-    where, text : what a user's own map was called, and its text; empty for one that is shipped or made in memory.
-    separator, decimal : how a text file separates columns and writes decimals; empty where the file tells.
+    poses : mounting points of x, y and yaw if the motion is to be estimated from them; the first one that applies to a
+        file is used. Empty for none.
+    where, text : name and text of a user's map; empty for shipped maps and those made in memory.
+    separator, decimal : column separator and decimal sign of a text file; empty to detect them.
     """
 
     name: str
@@ -228,12 +228,12 @@ def shipped_maps() -> tuple[str, ...]:
 
 
 def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
-    """The column map that is meant: a shipped one by name, a user's by path, or the map itself.
+    """A column map: a shipped one by name, a user's by path, or the map itself.
 
     Raises
     ------
     BadInput
-        There is no such map, or the file is no valid column map.
+        There is no such map, or the file is not a valid column map.
     """
     if isinstance(columns, ColumnMap):
         return columns
@@ -243,12 +243,12 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
 
 
 def carried_map(columns: str, text: str) -> str | ColumnMap:
-    """The map that a recording was read through: its text that was carried along, else its name.
+    """The map through which a recording was read: parsed from its stored text, else its name.
 
     Raises
     ------
     BadInput
-        The text that was carried is no valid column map.
+        The stored text is not a valid column map.
     """
     return replace(parse_column_map(text, columns), where=columns, text=text) if text else columns or "canonical"
 
@@ -259,12 +259,12 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     Parameters
     ----------
     text : the TOML.
-    where : file name for error sentences.
+    where : file name for errors.
 
     Raises
     ------
     BadInput
-        The text is no TOML, or a key, a signal, a unit or a number in it cannot be used.
+        The text is not TOML, or a key, signal, unit or number in it is not valid.
     """
     table = parse_toml(text, where)
     must_know(table, MAP_KEYS, where)
@@ -313,7 +313,7 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
 
 
 def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
-    """The column of time, or how many rows a second there are where a file has none."""
+    """The time column, or the rows per second of a file without one."""
     entry = dict(table_of(table, "time", where))
     stated = [number for number in (table.get("rate"), entry.pop("rate", None)) if number is not None]
     if stated:
@@ -379,7 +379,7 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
 
 
 def _missing(entry: Mapping[str, Any], where: str) -> tuple[float, ...]:
-    """Numbers that stand for no reading: one, or a list."""
+    """Numbers that mean "no reading": one, or a list."""
     values = entry.get("missing", [])
     return tuple(
         _number({"missing": v}, "missing", 0.0, where) for v in (values if isinstance(values, list) else [values])
@@ -387,7 +387,7 @@ def _missing(entry: Mapping[str, Any], where: str) -> tuple[float, ...]:
 
 
 def _negative(entry: Mapping[str, Any], where: str) -> float | str:
-    """What a sign column holds in rows that are negative."""
+    """Value of the sign column in negative rows."""
     if "negative" in entry and "sign_column" not in entry:
         raise BadInput(
             f"{where}: the key 'negative' says what the column 'sign_column' holds where the value is negative, but "
@@ -398,7 +398,7 @@ def _negative(entry: Mapping[str, Any], where: str) -> float | str:
 
 
 def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
-    """The names a column may have."""
+    """The names of a column."""
     names = entry.get("column", signal)
     if not isinstance(names, list):
         return [text_of(entry, "column", where, signal)]
@@ -408,7 +408,7 @@ def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
 
 
 def _units(entry: Mapping[str, Any], names: int, where: str) -> list[str]:
-    """The unit of a column, or one for each of its names."""
+    """The unit of a column, or one per name."""
     units = entry["unit"]
     if not isinstance(units, list):
         return [text_of(entry, "unit", where)]

@@ -1,12 +1,13 @@
-"""Columns of time: numbers, counts of nanoseconds since 1970, or dates; and true times of rows stamped unevenly.
+"""Time columns: numbers, counts of nanoseconds since 1970, or dates; and true times of rows with uneven stamps.
 
-Nanoseconds since 1970 do not fit a float: the start is subtracted in whole numbers first. Stamps of receipt are
-regressed on the row, true ones are laid on an even grid.
+Nanoseconds since 1970 do not fit a float, so the start is subtracted in integers first. Rows that were sampled evenly
+but stamped on receipt get times from a regression on the row number; rows with true stamps are resampled to an even
+grid.
 
-Loggers stamp rows when they receive them: by turns 8 and 2 ms apart, or eight rows of one USB packet at once. The rows
-were sampled evenly nevertheless. Others write a row whenever one of several sensors has spoken; their stamps are true.
-The values tell which: where a row's stamp is d ahead of its place in an even grid, a value that was read at its stamp
-departs from its neighbours by slope · d, one that was read evenly does not.
+Many loggers stamp rows on receipt: alternating 8 and 2 ms apart, or eight rows of one USB packet at once, although the
+rows were sampled evenly. Others write a row whenever one of several sensors has a reading; their stamps are true. The
+values decide between the two: if a stamp is d ahead of the row's place in an even grid, a value read at its stamp
+deviates from its smoothed neighbours by slope · d, a value sampled evenly does not.
 """
 
 from __future__ import annotations
@@ -35,27 +36,27 @@ EPOCH = 1e8
 """Times beyond this many seconds (three years) count from 1970, not from the start of a recording."""
 
 LATEST = 9e9
-"""Seconds since 1970 whose nanoseconds a whole number of 64 bits holds."""
+"""Seconds since 1970 up to which nanoseconds fit an integer of 64 bits."""
 
 EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
-"""Counts since 1970, by unit: today's are larger than this."""
+"""(unit, size): counts since 1970 in this unit are larger than this size today."""
 _ISO = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
 _DATE = re.compile(
     r"\s*(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?[- ][A-Za-z]{3}[- ]\d{4}|\d{8})[T ,]+\d\d?:?\d\d"
 )
 _CLOCK = re.compile(r"\s*(?:(\d+) days? )?(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)(?::(\d{3}))?\s*([AaPp][Mm])?\s*")
-"""Minutes and seconds, or hours and days as well, or milliseconds behind a colon."""
+"""Clock time: minutes and seconds, optionally hours, days, milliseconds after a colon, am or pm."""
 DAY = 86_400.0
 SERIAL, SERIAL_1970 = (2e4, 8e4), 25_569.0
-"""Days since 1899-12-30, as spreadsheets count them, of recordings (1954 to 2119), and of the first day of 1970."""
+"""Range of spreadsheet dates (days since 1899-12-30) of recordings (1954 to 2119), and the first day of 1970."""
 COUNTERS = (8, 10, 12, 16, 20, 24, 32)
-"""Bits of counters, and ..."""
+"""Bits of counters at whose overflow time may wrap, and ..."""
 CLOCKS = (1.0, 60.0, 3600.0, DAY, 7 * DAY)
-"""... s after which clocks begin anew."""
+"""... periods in s after which clocks wrap."""
 MISSED = 5.0
-"""Usual steps that may be lost where a clock begins anew."""
+"""Usual steps that may be missing where a clock wraps."""
 REST = {"ns": 1, "us": 1_000, "ms": 1_000_000}
-"""What whole seconds leave may be counted in these: nanoseconds in one."""
+"""Units of the fraction of a second in a separate column: nanoseconds in one."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +65,9 @@ class Instants:
 
     Attributes
     ----------
-    counts : (n,) as the file holds them, whole numbers where it holds such.
-    second : seconds in one count.
-    note : what a person should know of them; empty for nothing.
+    counts : (n,) as in the file; integers if the file has integers.
+    second : seconds per count.
+    note : how the times were interpreted, as a sentence; empty if there is nothing to report.
     """
 
     counts: NDArray[np.int64] | Array
@@ -81,18 +82,18 @@ class Instants:
 
     @property
     def exact_second(self) -> Fraction:
-        """Seconds in one count, without the digits that a float of it lacks."""
+        """Seconds per count as a fraction, without the rounding error of the float."""
         return Fraction(self.second).limit_denominator(10**12)
 
     @property
     def first(self) -> int | float:
-        """The earliest count; 0 where there is none."""
+        """The earliest count; 0 if there is none."""
         finite = self.counts[np.isfinite(self.counts)]
         return finite.min().item() if finite.size else 0
 
 
 def instants(table: RawTable, column: Column, labels: Sequence[str] = ()) -> Instants:
-    """The times in a column; `labels` say of every row which run it is of, if anything does.
+    """The times in a column; `labels` state the run of every row, if known.
 
     Raises
     ------
@@ -118,7 +119,7 @@ def instants(table: RawTable, column: Column, labels: Sequence[str] = ()) -> Ins
 
 
 def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Instants:
-    """Numbers that write hours, minutes and seconds as HHMMSS, in seconds; and a clock that begins anew, running on."""
+    """Numeric times: HHMMSS converted to seconds, spreadsheet dates to days since 1970, wrapped counters continued."""
     if len(counts) < 2 or not np.all(counts >= 0) or not np.all(counts < LATEST / second):
         return Instants(counts, second)
     if second == DAY and SERIAL[0] < counts[0] < SERIAL[1]:
@@ -134,10 +135,10 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
     back = steps < 0
     if labels and any(
         labels[row] != labels[row + 1] for row in np.flatnonzero(back).tolist()
-    ):  # runs: each begins anew
+    ):  # a restart of time at the start of a run is no wrap
         return Instants(counts, second, " ".join(notes))
     whole = [float(2**bits) for bits in COUNTERS] if np.all(counts % 1 == 0) else []
-    clocks = [seconds / second for seconds in CLOCKS] if counts[0] > MISSED * usual else []  # else files in a row
+    clocks = [seconds / second for seconds in CLOCKS] if counts[0] > MISSED * usual else []  # else concatenated files
     for wrap in (*whole, *clocks) if back.any() else ():
         if np.max(counts) < wrap and np.all((steps[back] + wrap > 0) & (steps[back] + wrap <= MISSED * usual)):
             counts = counts + np.concatenate([[0], np.cumsum(back)]) * int(wrap)
@@ -147,7 +148,7 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
 
 
 def newest_first(times: NDArray[Any]) -> bool:
-    """Whether times run down from the first row to the last, as loggers write that put the newest row on top."""
+    """Whether times decrease from the first row to the last: some loggers write the newest row first."""
     known = times[np.isfinite(times)]
     steps = np.diff(known)
     return bool(len(known) > FEWEST_STAMPS and np.all(steps <= 0) and np.mean(steps < 0) > 0.5)
@@ -170,7 +171,7 @@ def count_unit(series: pd.Series[Any]) -> str:
 
 
 def _on_a_clock(series: pd.Series[Any]) -> bool:
-    """Whether a column begins as 10:01:45.25 or 1:45.25."""
+    """Whether the first cell is a clock time such as 10:01:45.25 or 1:45.25."""
     return (
         len(series) > 0
         and not pd.api.types.is_numeric_dtype(series.dtype)
@@ -180,7 +181,7 @@ def _on_a_clock(series: pd.Series[Any]) -> bool:
 
 
 def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
-    """Seconds of a clock's readings; NaN where a cell is empty. Past midnight it runs on."""
+    """Clock times in seconds, continued past midnight; NaN for empty cells."""
     parts = series.astype("string").str.extract(_CLOCK.pattern + "$")
     strange = parts[3].isna().to_numpy() & series.notna().to_numpy()
     if strange.any():
@@ -202,7 +203,7 @@ def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
 
 
 def _split(table: RawTable, column: Column) -> Instants:
-    """Seconds, and what they leave, in columns of their own, as whole nanoseconds."""
+    """Whole seconds and their fraction from two columns, as integer nanoseconds."""
     whole, rest = table.numbers(column.column), table.numbers(column.rest)
     known = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
     seconds = np.where(known, whole, 0.0).astype(np.int64)
@@ -211,7 +212,7 @@ def _split(table: RawTable, column: Column) -> Instants:
 
 
 def origin_of(clocks: Sequence[Instants]) -> tuple[Fraction, str]:
-    """The instant that time is taken from, s, and a sentence where that is not the file's own zero."""
+    """The origin of time, s, and a sentence about it if it is not the file's zero."""
     origin = min(Fraction(clock.first) * clock.exact_second for clock in clocks)
     seconds = float(origin)
     if not abs(seconds) > EPOCH:
@@ -224,7 +225,7 @@ def origin_of(clocks: Sequence[Instants]) -> tuple[Fraction, str]:
 
 
 def _dates(series: pd.Series[Any], where: str, name: str) -> pd.Series[Any]:
-    """Text that begins like a date as dates; anything else as it is."""
+    """A text column that begins with a date, parsed as dates; any other column unchanged."""
     if pd.api.types.is_numeric_dtype(series.dtype) or not len(series) or not _DATE.match(str(series.iloc[0])):
         return series
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
@@ -242,12 +243,12 @@ def _dates(series: pd.Series[Any], where: str, name: str) -> pd.Series[Any]:
 
 
 def _in_either_order(series: pd.Series[Any]) -> pd.Series[Any]:
-    """Dates that are no ISO 8601; where day and month may be either, as the whole column is shortest.
+    """Dates not in ISO 8601; if day and month could be swapped, the order for which the recording is shorter.
 
     Raises
     ------
     ValueError
-        A cell is no such date.
+        A cell is not such a date.
     """
     readings: list[pd.Series[Any]] = []
     failure = ValueError()
@@ -262,39 +263,39 @@ def _in_either_order(series: pd.Series[Any]) -> pd.Series[Any]:
 
 
 BROKEN = 0.02
-"""Share of steps that leave the usual one from which a clock is uneven; fewer are gaps and joins."""
+"""Share of irregular steps above which a clock is uneven; fewer are gaps and new runs."""
 WINDOW = 32
-"""Rows over which the mean step is taken, the median of which is the usual one."""
+"""Rows over which steps are averaged; the usual step is the median of these means."""
 SHORTEST = 50
-"""Rows of a stretch from which its step is told."""
+"""Fewest rows of a stretch from which its step is estimated."""
 GAP = 10.0
-"""Usual steps, and three of the longest ones that recur, beyond which rows are lost."""
+"""A step is a gap (rows are lost) above this many usual steps, and above three times the 99th percentile of steps."""
 BOUNDED = 3.0
-"""Usual steps, and as many of the longest ones that recur, that a stamp of receipt is ahead or behind at most."""
+"""Largest deviation of a receipt stamp from the even clock, in usual steps or 99th percentiles of steps."""
 SURE = 2.0
-"""Standard deviations."""
+"""Standard deviations of the stamps' weight at which a decision is significant."""
 ROUNDING = 1e-3
-"""Share of the usual step below which stamps are the same."""
+"""Share of the usual step below which stamps are equal."""
 FEWEST_STAMPS = 5
 EVEN_COUNTS = 0.05
-"""Share by which the number of rows of one stamp may differ."""
+"""Relative deviation allowed in the number of rows with the same stamp."""
 ROUNDED = 1.0
-"""How many times their last digit stamps are off the even clock at most where rounding alone makes them uneven."""
+"""Largest deviation from an even clock, in units of the stamps' last digit, that rounding alone explains."""
 IN_ONE_PACKET = 0.2
-"""Share of the usual step below which rows came in one packet."""
+"""Share of the usual step below which consecutive rows came in one packet."""
 
 
 @dataclass(frozen=True)
 class Evened:
-    """Rows on an even clock.
+    """Rows with evenly spaced times.
 
     Attributes
     ----------
     time : (m,) s.
     signals : name -> (m,).
-    rows : (m,) the row of the file that each is taken from, or follows.
-    resampled : how signals came onto the grid, where rows were not kept.
-    note : what was done.
+    rows : (m,) the row of the file that each row is, or that precedes it.
+    resampled : resampling of signals, if rows were not kept.
+    note : how times were changed.
     """
 
     time: Array
@@ -305,14 +306,14 @@ class Evened:
 
 
 def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool = False) -> Evened | None:
-    """Rows of an uneven clock on an even one; None where the clock is even enough, or nothing can be told.
+    """Rows of an uneven clock with even times; None if the clock is even enough, or too little is known to decide.
 
     Parameters
     ----------
     time : (n,) s, as stamped.
     signals : name -> (n,) values of the rows.
-    hold : "zero" holds commands between rows, "linear" takes them as measured.
-    keep_rows : True only regresses; what would have to be laid on a grid is None.
+    hold : "zero" holds commands between rows, "linear" interpolates them as measurements.
+    keep_rows : True allows only regression; None is returned where a grid would be needed.
     """
     if len(time) < 2 * SHORTEST or not np.isfinite(time).all():
         return None
@@ -367,8 +368,8 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
 def _share_of_stamps(
     time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], step: float, half: int
 ) -> tuple[float, float]:
-    """The factor on slope · (stamp - even place) that explains the values best, 1 where stamps are true; and its sd."""
-    from scipy.signal import savgol_filter  # which takes longer to load than most files to read
+    """Least-squares factor on slope · (stamp - even place) and its sd: 1 for true stamps, 0 for evenly sampled rows."""
+    from scipy.signal import savgol_filter  # imported here: it takes longer to load than most files to read
 
     moments = np.zeros(2)
     for values in signals.values():
@@ -392,7 +393,7 @@ def _share_of_stamps(
 
 
 def _of_coarse(time: Array) -> tuple[float, float]:
-    """The step of rows that share their stamps, as those in whole seconds do, and the stamps' own; zeros if uneven."""
+    """Time per row and per stamp if equally many rows share each stamp, as with whole seconds; zeros otherwise."""
     stamps, counts = np.unique(time, return_counts=True)
     if len(stamps) < FEWEST_STAMPS or np.any(np.diff(time) < 0):
         return 0.0, 0.0
@@ -402,7 +403,7 @@ def _of_coarse(time: Array) -> tuple[float, float]:
 
 
 def _resolution(time: Array, step: float) -> float:
-    """The power of ten, s, whose multiples all stamps are, below the step; 0 where they are written finer."""
+    """Resolution of the stamps in s, a power of ten below the step; 0 if they are finer."""
     since = time - time[0]
     for power in range(int(np.floor(np.log10(step))), int(np.floor(np.log10(step))) - 3, -1):
         digit = 10.0**power
@@ -414,7 +415,7 @@ def _resolution(time: Array, step: float) -> float:
 def _regressed(
     time: Array, parts: list[tuple[int, int]], lines: list[Array], signals: Mapping[str, Array], why: str
 ) -> Evened:
-    """Each stretch at its even step; rows outside of all stretches are left out."""
+    """Even times by regression in each stretch; rows outside the stretches are left out."""
     rows = np.concatenate([np.arange(a, b) for a, b in parts])
     even = np.concatenate([np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)])
     step = float(np.median([line[0] for line in lines]))
@@ -426,12 +427,12 @@ def _regressed(
 
 
 def _with_lost_rows(time: Array, signals: Mapping[str, Array], whole: Array, running: Mask) -> Evened:
-    """An even clock of which rows are lost: lines stand for few in a row, where more are lost a run ends.
+    """An even clock with lost rows: short losses are interpolated, at longer ones a run ends.
 
     Parameters
     ----------
-    whole : (n - 1,) steps of the clock from row to row.
-    running : (n - 1,) where lines are drawn.
+    whole : (n - 1,) number of clock steps from row to row.
+    running : (n - 1,) mask of steps to interpolate.
     """
     edges = [0, *(np.flatnonzero(~running) + 1).tolist(), len(time)]
     parts = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 2]
@@ -445,13 +446,13 @@ def _with_lost_rows(time: Array, signals: Mapping[str, Array], whole: Array, run
         f"{int(np.sum(whole[running] - 1))} rows of the clock ({exact(step)} s, {1 / step:.4g} Hz) are missing: gaps "
         f"of up to {LINEAR_GAP - 1:g} rows are interpolated; at longer ones a new run begins."
     )
-    return _on_a_grid(even, signals, parts, step, "linear", note)  # a lost command is as likely the next one
+    return _on_a_grid(even, signals, parts, step, "linear", note)  # a lost command may equal the previous or next one
 
 
 def _on_a_grid(
     time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], step: float, hold: str, note: str
 ) -> Evened:
-    """Values at their stamps, laid on an even grid of the mean step: straight lines between them."""
+    """Values at true stamps, interpolated to an even grid of the mean step."""
     grids, rows, columns = [], [], {name: list[Array]() for name in signals}
     costs: dict[str, tuple[float, float]] = {}
     for a, b in parts:
@@ -478,5 +479,5 @@ def _on_a_grid(
 
 def _span(time: Array) -> str:
     low, high, longest = np.quantile(np.diff(time), (0.05, 0.95, 0.999))
-    high = longest if high == low else high  # many rows of one stamp
+    high = longest if high == low else high  # many rows share a stamp
     return f"steps of {1e3 * low:.3g} to {1e3 * high:.3g} ms"

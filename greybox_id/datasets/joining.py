@@ -1,7 +1,7 @@
-"""Files of one drive, one topic each, joined on one clock: by their stamps, or by a signal that two of them carry.
+"""Files of one drive, one topic each, joined on one clock: by their time stamps, or by a signal that two files share.
 
-A signal that the column map finds in two files tells by how much their clocks differ, and how much faster the one runs
-(`alignment`), which carries a jackknife's uncertainty. What cannot be told so is taken at its stamps.
+If the column map finds a signal in two files, comparing them estimates the offset and relative rate of their clocks
+with a jackknife uncertainty (`alignment`). Otherwise the time stamps are kept.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from .read import Part, as_parts, one_signal, read_together
 from .recording import Recording
 
 LONGEST = 2.0
-"""Offsets up to this, s, are looked for first: what repeats, as laps do, is alike elsewhere, too."""
+"""s: offsets up to this are searched first, because repeating signals, as of laps, also match at other offsets."""
 SHARE, APART = 0.1, 0.5
-"""Of the shorter file, beyond which an offset is not looked for: of stamps, and between the files' beginnings where
-stamps do not match at all, as of clocks that were never set."""
+"""Largest offset searched, as a share of the shorter file: relative to the stamps, and relative to a common start of
+both files if the stamps do not match at all, as of clocks that were never set."""
 SURE = 2.0
-"""Standard deviations from which on an offset is taken off; a smaller one may be none."""
+"""Standard deviations from which an offset is significant and removed."""
 
 
 @dataclass(frozen=True)
 class Offset:
-    """By how much a file's clock is ahead of another's.
+    """Offset of a file's clock from that of another file.
 
     Attributes
     ----------
     file, against : names of the files.
-    signal : what both carry; empty where nothing tells the offset.
-    alignment : offset and rate; None where nothing tells them.
-    shared : signals that both carry, whether or not they tell it.
-    taken_off : whether the file's times were corrected by it.
+    signal : the shared signal that the estimate uses; empty without an estimate.
+    alignment : offset and rate; None if they cannot be estimated.
+    shared : all signals in both files.
+    taken_off : whether the file's times were corrected by the offset.
     """
 
     file: str
@@ -51,7 +51,7 @@ class Offset:
 
     @property
     def seconds(self) -> float:
-        """The offset where the first file begins, s; NaN where nothing tells it."""
+        """The offset at the first file's beginning, s; NaN without an estimate."""
         return self.alignment.seconds if self.alignment else float("nan")
 
     @property
@@ -61,7 +61,7 @@ class Offset:
 
     @property
     def sentence(self) -> str:
-        """What was done, for people."""
+        """The offset and what was done about it, as printed."""
         if self.alignment is None:
             why = f"it has no signal in common with {self.against}"
             if self.shared:
@@ -84,13 +84,13 @@ class Offset:
 def join_files(
     paths: Sequence[str | Path], columns: str | Path | ColumnMap = "canonical"
 ) -> tuple[Recording, list[Offset]]:
-    """Several files of one drive as one recording, and how their clocks were aligned.
+    """Several files of one drive as one recording, and the alignment of their clocks.
 
     Parameters
     ----------
-    paths : two files or more; offsets are those against the first.
-    columns : the column map, as `datasets.read.read_together` takes it. A signal whose `column` lists several names, or
-        one name that several files have, is taken from the first file and compared with the others.
+    paths : two files or more; offsets are relative to the first.
+    columns : the column map, as in `datasets.read.read_together`. A signal whose `column` lists several names, or whose
+        name several files have, is read from the first of these files and compared with the others.
 
     Raises
     ------
@@ -132,6 +132,6 @@ def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
 
 
 def _in(part: Part, column: Column) -> Column | None:
-    """A column under the name that it has in a file; None where it is not there."""
+    """A column under its name in a file; None if the file does not have it."""
     name = next(filter(part.full, (column.column, *column.otherwise)), None)
     return replace(column.named(name), column=part.full(name) or "") if name else None

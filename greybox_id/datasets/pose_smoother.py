@@ -1,8 +1,8 @@
-"""The fixed-interval smoother of poses, compiled: for one axis (yaw), or two whose accelerations turn (x and y).
+"""Fixed-interval smoother of poses, compiled: for one axis (yaw), or two whose accelerations rotate (x and y).
 
-States are p, v and a of each axis. A row of what it is fed holds the step since the row before in s, one where a run
-begins, one where there is a reading, the readings, and for two axes by what turn an acceleration adds to velocity and
-to place, as cosine and sine each. Variances are q of each axis, of readings, and of p, v and a where a run begins.
+States are p, v and a of each axis. An input row holds: the step since the previous row in s, 1 at the first row of a
+run, 1 if there is a reading, the readings, and for two axes the rotations by which an acceleration adds to velocity and
+to position, each as cosine and sine. Variances: q of each axis, of readings, and initial ones of p, v and a of a run.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..base.shorthands import Array
 
 @begun
 def log_likelihood(rows: Array, variances: Array, axes: int) -> float:  # pragma: no cover
-    """Of the readings, but for a constant."""
+    """Log-likelihood of the readings, up to a constant."""
     n = 3 * axes
     m, P, result = np.zeros(n), np.zeros((n, n)), 0.0
     F, Q, FP, gone = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((axes, n + 2))
@@ -27,7 +27,7 @@ def log_likelihood(rows: Array, variances: Array, axes: int) -> float:  # pragma
 
 @begun
 def smooth(rows: Array, variances: Array, axes: int) -> tuple[Array, Array, Array]:  # pragma: no cover
-    """States (rows, n), their covariances (rows, n, n), and each reading against all others (rows, axes), in its sd."""
+    """States (rows, n), covariances (rows, n, n), and residuals of readings against all others (rows, axes), in sd."""
     n = 3 * axes
     count = len(rows)
     state, covariance, against = np.zeros((count, n)), np.zeros((count, n, n)), np.zeros((count, axes))
@@ -43,7 +43,7 @@ def smooth(rows: Array, variances: Array, axes: int) -> tuple[Array, Array, Arra
         _update(row, variances, axes, m, P, gone)
         for axis in range(axes - 1, -1, -1):
             K, e, S = gone[axis, :n], gone[axis, n], gone[axis, n + 1]
-            LK = L @ K  # as a reading changes P to (I - K e^T) P (I - K e^T)^T, L is changed by its transpose
+            LK = L @ K  # a reading changes P to (I - K e^T) P (I - K e^T)^T; the transposed operation is applied to L
             against[k, axis] = row[2] * (e / S + K @ lam) / np.sqrt(1 / S + K @ LK)
             lam[axis] -= K @ lam + row[2] * e / S
             L[axis] -= LK
@@ -65,7 +65,7 @@ def smooth(rows: Array, variances: Array, axes: int) -> tuple[Array, Array, Arra
 
 @compiled
 def _transition(row: Array, variances: Array, axes: int, F: Array, Q: Array) -> None:  # pragma: no cover
-    """How a step moves the state, and the covariance that it adds."""
+    """Transition matrix F and process noise covariance Q of a step, in place."""
     dt = row[0]
     q, R, twice = variances[:axes], np.eye(axes), np.eye(axes)
     if axes == 2:
@@ -91,7 +91,7 @@ def _transition(row: Array, variances: Array, axes: int, F: Array, Q: Array) -> 
 def _predict(
     row: Array, variances: Array, axes: int, m: Array, P: Array, F: Array, Q: Array, FP: Array
 ) -> None:  # pragma: no cover
-    """State and covariance before the row is read, in place; F is upper triangular."""
+    """Predict state and covariance for a row, in place; F is upper triangular."""
     n = len(m)
     if row[1]:
         m[:], P[:] = 0.0, 0.0
@@ -119,7 +119,10 @@ def _predict(
 
 @compiled
 def _update(row: Array, variances: Array, axes: int, m: Array, P: Array, gone: Array) -> float:  # pragma: no cover
-    """The row is read, in place, in Joseph's form; gain, residual and its variance are kept, its evidence returned."""
+    """Update with a row's readings, in place, in Joseph's form; stores gain, residual and its variance in `gone`.
+
+    Returns the log-likelihood of the readings.
+    """
     n, r, result = len(m), variances[axes], 0.0
     for axis in range(axes):
         e, S = row[3 + axis] - m[axis], P[axis, axis] + r

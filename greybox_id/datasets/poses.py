@@ -1,15 +1,15 @@
 """Motion from poses: velocities, yaw rate and accelerations at the centre of gravity from x, y and yaw alone.
 
-Two fixed-interval smoothers, one after the other. The yaw's acceleration walks at random, and so do the accelerations
-along and across the vehicle, which the yaw just found turns into the map's axes:
+Two fixed-interval smoothers, one after the other. The yaw acceleration is a random walk, and so are the accelerations
+along and across the vehicle, which the smoothed yaw rotates into the map's axes:
 
     psi' = r,  r' = alpha,  dalpha = q_psi dw            measured: psi
     p' = v,  v' = R(psi) a,  da = diag(q_x, q_y) dw      measured: p
 
-Readings carry white noise of r_psi and r_p. The five levels q and r are those under which the poses themselves are most
-likely; nothing is set by hand. The same likelihood says whether the poses were taken at their stamps or in even steps
-(motion capture is; its stamps scatter by the computer's own delays), and which single poses no motion explains. A pose
-equal to the last one in all of x, y and yaw is that one held, no new reading.
+Readings have white noise of standard deviation r_psi and r_p. The five levels q and r maximise the likelihood of the
+poses; nothing is tuned by hand. The same likelihood decides whether the poses were taken at their time stamps or at
+even steps (motion capture samples evenly; its stamps scatter by the computer's delays). Poses that no plausible motion
+explains are removed as glitches. A pose that equals the previous one in x, y and yaw is a repeated reading and ignored.
 
 Filter: Kalman, in Joseph's form; backwards the modified Bryson-Frazier recursion, which inverts no covariance.
 Sources: Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 6.2.3 (white
@@ -36,38 +36,38 @@ from .pose_smoother import log_likelihood, smooth
 from .recording import split_runs
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
-"""Signals that are made of poses."""
+"""Signals computed from poses."""
 BLOCK_ROWS = 500
-"""Rows, each a run of its own, on which the levels are estimated."""
+"""Rows of a block on which the levels are estimated; each block counts as a run."""
 BLOCKS = 4
-"""Blocks of them: 2 000 rows tell the levels to some 5 %."""
+"""Number of blocks: 2 000 rows determine the levels to about 5 %."""
 GLITCHES = 0.05
-"""Sound poses of a whole file that may be expected to be taken for glitches."""
+"""Expected number of sound poses in a whole file that are wrongly removed as glitches."""
 AROUND = 10
-"""Rows about the worst glitch that are judged anew once it is left out."""
+"""Rows around the worst glitch that are judged again without it."""
 PASSES = 20
-"""Most rounds of looking for glitches."""
+"""Largest number of rounds of removing glitches."""
 FEWEST = 10
-"""Fewest poses that tell their own noise."""
+"""Fewest poses from which their noise is estimated."""
 UNTOLD = 0.5
-"""Of the sd with which a run begins, beyond which a value is missing: the poses have told next to nothing of it."""
+"""Share of a run's initial sd above which a smoothed value becomes NaN: the poses hardly inform it."""
 LEAST_SCATTER = 1e-4
-"""Of a step: stamps that scatter less are even."""
+"""Scatter of stamps, as a share of a step, below which they are even."""
 TOLERANCE = 0.03
-"""How closely the logarithms of the levels are searched for: 3 % of a level."""
+"""Tolerance of the search for the logarithms of the levels: 3 % of a level."""
 
 
 @dataclass(frozen=True)
 class PoseMotion:
-    """Motion that poses tell.
+    """Motion estimated from poses.
 
     Attributes
     ----------
-    time : (n,) s: the stamps, or even steps within each run.
-    signals : x, y, yaw and those of `MADE` at the centre of gravity, (n,) each; NaN where the poses tell next to
-        nothing, as a single one between two gaps.
-    sd : their standard deviations, (n,) each. Where on the vehicle the pose is taken counts as exact.
-    notes : what was done, as sentences.
+    time : (n,) s: the time stamps, or even steps within each run.
+    signals : x, y, yaw and those of `MADE` at the centre of gravity, (n,) each; NaN where the poses hardly inform a
+        value, for example at a single pose between two gaps.
+    sd : their standard deviations, (n,) each. The pose's mounting point on the vehicle is assumed exact.
+    notes : steps taken, as sentences.
     """
 
     time: Array
@@ -77,14 +77,14 @@ class PoseMotion:
 
 
 def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, where: str) -> PoseMotion:
-    """Motion of the centre of gravity.
+    """Estimate the motion of the centre of gravity from poses.
 
     Parameters
     ----------
     time : (n,) s; where it jumps or steps back, a new run begins.
-    x, y, yaw : (n,) m, m, rad in fixed axes, y and yaw to the left; NaN where missing. Yaw may begin anew after a turn.
-    reference : where on the vehicle they are taken.
-    where : the file, for sentences.
+    x, y, yaw : (n,) m, m, rad in fixed axes, y and yaw to the left; NaN where missing. Yaw may wrap after a full turn.
+    reference : mounting point of the poses on the vehicle.
+    where : the file, for errors.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
 
 @dataclass(frozen=True)
 class _Poses:
-    """Poses, and which of them are readings."""
+    """Poses, with a mask of those that count as readings (`fresh`)."""
 
     time: Array
     fresh: NDArray[np.bool_]
@@ -133,19 +133,19 @@ class _Poses:
 
     @functools.cached_property
     def begins(self) -> Array:
-        """(n,) one where a run begins."""
+        """(n,) 1 at the first row of each run, else 0."""
         begins = np.zeros(len(self.time))
         begins[[start for start, _ in split_runs(self.time)]] = 1.0
         return begins
 
     @functools.cached_property
     def steps(self) -> Array:
-        """(n,) s since the row before; zero where a run begins."""
+        """(n,) s since the previous row; zero at the first row of a run."""
         return np.where(self.begins == 1, 0.0, np.diff(self.time, prepend=self.time[0]))
 
     @functools.cached_property
     def filled(self) -> Mapping[str, Array]:
-        """x, y and yaw, which runs on through full turns; something finite where there is no reading."""
+        """x, y and unwrapped yaw, with the last reading repeated in rows without one."""
         at = np.flatnonzero(self.fresh)
         last = at[np.clip(np.searchsorted(at, np.arange(len(self.time)), side="right") - 1, 0, None)]
         turned = np.zeros(len(self.time))
@@ -154,15 +154,15 @@ class _Poses:
 
     @functools.cached_property
     def means(self) -> Mapping[str, float]:
-        """What is taken off x, y and yaw while they are filtered."""
+        """Means of x, y and yaw, subtracted while filtering."""
         return {name: float(np.mean(values[self.fresh])) for name, values in self.filled.items()}
 
     def centred(self, name: str) -> Array:
-        """(n,) about the mean."""
+        """(n,) a pose coordinate less its mean."""
         return self.filled[name] - self.means[name]
 
     def fastest(self, *names: str) -> float:
-        """Rate of change that none of these exceeds from one reading to the next."""
+        """Largest rate of change between consecutive readings of these coordinates."""
         at = np.flatnonzero(self.fresh)
         gaps = np.diff(self.time[at])
         usual = float(np.median(gaps[gaps > 0])) if np.any(gaps > 0) else 1.0
@@ -170,7 +170,7 @@ class _Poses:
         return float(np.max([np.max(change / np.maximum(gaps, usual)) for change in changes])) or 1.0
 
     def most_driven(self) -> list[int]:
-        """Where blocks for estimating levels begin: of evenly spread ones the half with the longest way."""
+        """First rows of the blocks used to estimate levels: of evenly spread blocks, those with the longest path."""
         n = len(self.time)
         if n <= BLOCK_ROWS * BLOCKS:
             return list(range(0, n, BLOCK_ROWS))
@@ -183,7 +183,7 @@ class _Poses:
 
 @dataclass(frozen=True)
 class _Levels:
-    """Logarithms of the levels: q_psi, r_psi; q_x, q_y, r_p; and how likely the poses are under them."""
+    """Logarithms of the levels: yaw (q_psi, r_psi), place (q_x, q_y, r_p); and the log-likelihood of the poses."""
 
     yaw: Array
     place: Array
@@ -192,7 +192,7 @@ class _Levels:
 
 @dataclass(frozen=True)
 class _Smoothed:
-    """States p, v, a (n, 3 axes), their covariance, and each reading against all others (n, axes), in its sd."""
+    """States p, v, a (n, 3 axes), their covariance, and each reading's residual against all others (n, axes), in sd."""
 
     state: Array
     P: Array
@@ -200,7 +200,7 @@ class _Smoothed:
 
 
 def _likeliest(poses: _Poses, start: _Levels | None) -> _Levels:
-    """The levels under which the poses are most likely, on a part of them."""
+    """Maximum-likelihood levels, estimated on a part of the poses."""
     yaw, evidence = _climbed(poses, ("yaw",), None, None if start is None else start.yaw)
     psi = _through(poses, ("yaw",), yaw, None).state[:, 0]
     place, more = _climbed(poses, ("x", "y"), psi, None if start is None else start.place)
@@ -229,14 +229,14 @@ def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Ar
 
 
 def _fast(poses: _Poses, name: str) -> float:
-    """Standard deviation of what third differences leave: how noisy readings are at most."""
+    """Standard deviation of readings from third differences of changing values: an upper bound of their noise."""
     third = np.abs(np.diff(poses.filled[name][poses.fresh], 3))
     third = third[third > 0]
     return float(np.median(third)) / np.sqrt(20) if len(third) else 1e-6
 
 
 def _loose(poses: _Poses, names: tuple[str, ...]) -> Array:
-    """Logarithms of the standard deviations of p, v and a where a run begins: more than any of them can be."""
+    """Logarithms of the initial standard deviations of p, v and a of a run: larger than any of them can be."""
     size = max(float(np.max(np.abs(poses.centred(name)))) for name in names) or 1.0
     rate = poses.fastest(*names)
     usual = float(np.median(poses.steps[poses.steps > 0])) if np.any(poses.steps > 0) else 1.0
@@ -244,7 +244,7 @@ def _loose(poses: _Poses, names: tuple[str, ...]) -> Array:
 
 
 def _rows(poses: _Poses, names: tuple[str, ...], psi: Array | None) -> Array:
-    """What the smoother is fed; `psi` turns what is measured in the map's axes, where that is a place."""
+    """Input rows of the smoother (see `pose_smoother`); `psi` rotates accelerations if positions are smoothed."""
     columns = [poses.steps, poses.begins, poses.fresh.astype(float), *(poses.centred(name) for name in names)]
     if psi is not None:
         once, twice = _turning(np.diff(psi, prepend=psi[0]))
@@ -254,9 +254,9 @@ def _rows(poses: _Poses, names: tuple[str, ...], psi: Array | None) -> Array:
 
 
 def _turning(by: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """What an acceleration that turns evenly over a step adds to velocity and place, over what one that does not adds.
+    """Change of velocity and position by an acceleration that rotates evenly over a step, relative to a constant one.
 
-    Over a step h a constant acceleration a adds h a and h^2 a / 2; one that turns by delta, with z = i delta,
+    A constant acceleration a adds h a and h^2 a / 2 over a step h; one that rotates by delta, with z = i delta, adds
     h a (e^z - 1) / z and h^2 a (e^z - 1 - z) / z^2.
     """
     z = 1j * by
@@ -268,24 +268,24 @@ def _turning(by: Array) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]
 
 
 def _variances(*logarithms: Array) -> Array:
-    """Of what the logarithms of standard deviations are given."""
+    """Variances, from logarithms of standard deviations."""
     return np.exp(2 * np.concatenate(logarithms))
 
 
 def _on_its_own(rows: Array) -> Array:
-    """A block as a run of its own."""
+    """A block of input rows, marked as a separate run."""
     rows = rows.copy()
     rows[0, :2] = 0.0, 1.0
     return rows
 
 
 def _through(poses: _Poses, names: tuple[str, ...], levels: Array, psi: Array | None) -> _Smoothed:
-    """All rows forwards and backwards."""
+    """Filter and smooth all rows."""
     return _Smoothed(*smooth(_rows(poses, names, psi), _variances(levels, _loose(poses, names)), len(names)))
 
 
 def _evened(time: Array) -> Array:
-    """The same rows in even steps of one length, each run beginning where its stamps say on average."""
+    """Time at even steps of one length, each run placed by the mean of its stamps."""
     runs = [(a, b) for a, b in split_runs(time) if b - a > 1]
     about = [(np.arange(b - a) - (b - a - 1) / 2, time[a:b] - np.mean(time[a:b])) for a, b in runs]
     weight = sum(float(k @ k) for k, _ in about)
@@ -301,7 +301,7 @@ def _evened(time: Array) -> Array:
 def _without_glitches(
     poses: _Poses, levels: _Levels, notes: list[str]
 ) -> tuple[_Poses, _Levels, tuple[_Smoothed, _Smoothed]]:
-    """Leave out poses that all others speak against, the worst of a neighbourhood first; then the levels anew."""
+    """Remove poses that disagree with all others, the worst of a neighbourhood first; then re-estimate the levels."""
     limit = -float(ndtri(GLITCHES / (2 * 3 * len(poses.time))))
     before = known = int(np.count_nonzero(poses.fresh))
     for _ in range(PASSES):
@@ -366,7 +366,7 @@ def _at_centre(
     A = turned @ P[:, 4:6, 4:6] @ turned.T
 
     def lever(of_yaw: tuple[Array | float, Array | float, Array | float]) -> Array:
-        """Variance that errors of yaw, yaw rate and yaw acceleration add, by these derivatives."""
+        """Variance due to errors of yaw, yaw rate and yaw acceleration, given the derivatives by these."""
         d = np.stack([np.broadcast_to(np.asarray(one, dtype=float), n) for one in of_yaw], axis=1)
         return np.asarray(np.einsum("ki,kij,kj->k", d, Y, d))
 

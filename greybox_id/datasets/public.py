@@ -1,6 +1,6 @@
-"""Public recordings, which `public.toml` lists, and fetching them, resumed and checked by SHA-256.
+"""Public recordings, listed in `public.toml`, and their download, which is resumed and checked by SHA-256.
 
-Synthetic recordings, which installed packages make from a seed; the laboratory has three.
+Also synthetic recordings, which installed packages generate from a seed; the laboratory has three.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class Remote:
 
     Attributes
     ----------
-    name : what it is called here.
-    address : where it is fetched from.
-    sha256 : of its bytes; empty where it is not known. It is then written down at the first fetch and compared later.
+    name : of the local file.
+    address : URL.
+    sha256 : of its bytes; empty if unknown. The hash of the first download is then saved and later ones must match it.
     """
 
     name: str
@@ -49,14 +49,14 @@ class PublicDataset:
 
     Attributes
     ----------
-    name : what commands call it.
+    name : in commands.
     about : what was recorded.
     source : the authors' page.
     licence : as the authors state it.
     reference : what to cite.
-    columns : the shipped column map that fits; empty where a bench reads the files as they are.
-    files : what can be fetched; empty where the files have no known address.
-    joined : name of a CSV file whose columns the files are, one each; empty where each is a recording.
+    columns : the shipped column map that fits; empty if a benchmark reads the files without one.
+    files : downloadable files; empty if they have no known address.
+    joined : name of a CSV file to make if each file is one column of it; empty if each file is a recording.
     """
 
     name: str
@@ -77,11 +77,11 @@ def _dataset(name: str, table: dict[str, Any]) -> PublicDataset:
 
 _TABLES = tomllib.loads(Path(__file__).with_name("public.toml").read_text("utf-8"))
 PUBLIC = {name: _dataset(name, table) for name, table in _TABLES.items()}
-"""What `greybox datasets` knows."""
+"""Datasets by name, as `greybox datasets` lists them."""
 
 
 def public(name: str) -> PublicDataset:
-    """A dataset by name. Raises `BadInput` where there is none."""
+    """A dataset by name. Raises `BadInput` if there is none."""
     if name not in PUBLIC:
         raise BadInput(f'There is no public dataset "{name}".{near_or_all(name, PUBLIC)}')
     return PUBLIC[name]
@@ -89,21 +89,21 @@ def public(name: str) -> PublicDataset:
 
 CHUNK = 1 << 16
 SECONDS = 30
-"""Without a byte for so long, a connection has failed."""
+"""Seconds without data after which a connection has failed."""
 ATTEMPTS = 5
-"""Times that a transfer is taken up again where it broke off."""
+"""Number of connections tried for one file; each resumes the transfer."""
 HASHES = "sha256.json"
-"""Hashes of files whose hash is not known beforehand, as they were fetched first."""
+"""File with the hashes of first downloads, for files whose hash `public.toml` does not state."""
 
 
 def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda _: None) -> tuple[Path, ...]:
-    """Fetch a dataset's files, those that are not there yet.
+    """Download those of a dataset's files that are not in the folder yet.
 
     Parameters
     ----------
-    dataset : what to fetch.
-    folder : where to; None takes the folder `datasets` of the cache.
-    say : is told what is going on.
+    dataset : the dataset.
+    folder : target; None takes the folder `datasets` of the cache.
+    say : called with lines about progress.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
     Raises
     ------
     BadInput
-        The source cannot be reached or has nothing there, or a file is not the one that is known.
+        The source cannot be reached or does not have the file, or the file has another hash than expected.
     """
     if not dataset.files:
         raise BadInput(
@@ -137,7 +137,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
 
 
 def folder_of(dataset: PublicDataset) -> Path:
-    """Where a dataset lies in the cache."""
+    """A dataset's folder in the cache."""
     return cache_folder() / "datasets" / dataset.name
 
 
@@ -170,7 +170,7 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
 
 
 def _transferred(remote: Remote, part: Path, say: Say) -> bool:
-    """Fetch what is missing of a file; False where the connection broke off before its end."""
+    """Download the missing rest of a file; False if the connection broke off before its end."""
     have = part.stat().st_size if part.exists() else 0
     request = urllib.request.Request(remote.address, headers={"User-Agent": f"greybox-id/{__version__}"})
     if have:
@@ -189,7 +189,7 @@ def _transferred(remote: Remote, part: Path, say: Say) -> bool:
         return whole is None or part.stat().st_size >= whole
     except urllib.error.HTTPError as error:
         if error.code == http.client.REQUESTED_RANGE_NOT_SATISFIABLE and have:
-            return True  # all of it had come; the hash tells whether it is right
+            return True  # the part is already complete; its hash is checked next
         raise BadInput(f"{remote.address} answers {error.code} {error.reason}; has it moved?") from error
     except (urllib.error.URLError, TimeoutError, ConnectionError, http.client.HTTPException) as error:
         if part.exists() and part.stat().st_size > have:
@@ -210,7 +210,7 @@ def _known(folder: Path) -> dict[str, Any]:
 
 
 def _joined(paths: list[Path], target: Path) -> Path:
-    """One CSV file of columns that lie in files of their own."""
+    """Write one CSV file from files that hold one column each."""
     columns = {}
     for path in paths:
         try:
@@ -226,22 +226,22 @@ def _joined(paths: list[Path], target: Path) -> Path:
 
 
 Make = Callable[[Path, int | None], tuple[Path, ...]]
-"""Writes recordings into a folder, from a seed; None takes the recording's own."""
+"""Writes recordings into a folder, from a seed; None takes the recording's default seed."""
 
 
 def made() -> Mapping[str, tuple[str, Make]]:
-    """Name -> what it is, and what writes it to a folder."""
+    """Name -> (description, function that writes the recordings)."""
     return {name: entry for table in extensions(RECORDINGS).values() for name, entry in table.items()}
 
 
 def make(name: str, folder: Path, seed: int | None = None) -> tuple[Path, ...]:
-    """Write synthetic recordings to a folder; the same seed writes the same.
+    """Write synthetic recordings to a folder; the same seed gives the same recordings.
 
     Parameters
     ----------
     name : one of `made`.
-    folder : is made if need be.
-    seed : of all that is random; None takes the recording's own.
+    folder : made if it does not exist.
+    seed : of all random numbers; None takes the recording's default.
 
     Raises
     ------

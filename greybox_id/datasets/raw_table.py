@@ -1,4 +1,4 @@
-"""Columns of a file as they lie in it, before a column map says what they are."""
+"""Columns of a file as stored, before a column map assigns signals and units."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class RawTable:
     where : the file as the user named it.
     names : column names, in the file's order.
     columns : the values, one series each.
-    first_row : number of the first row of values as a person counts: 2 below a header line, else 1.
-    units : units of columns, as far as the file states them.
+    first_row : row number of the first values, counted from 1: 2 below a header line, else 1.
+    units : column -> unit, for columns whose unit the file states.
     """
 
     where: str
@@ -43,12 +43,12 @@ class RawTable:
         return self.columns[self.names.index(name)]
 
     def numbers(self, name: str) -> Array:
-        """(n,) values of a column; NaN where a cell is empty.
+        """(n,) values of a column; NaN for empty cells.
 
         Raises
         ------
         BadInput
-            A cell holds something that is no number: names the row and the cell.
+            A cell is not a number: the error names the row and the cell.
         """
         column = self.column(name)
         if pd.api.types.is_numeric_dtype(column.dtype) and not pd.api.types.is_bool_dtype(column.dtype):
@@ -70,9 +70,9 @@ class RawTable:
         return values
 
     def turned(self) -> RawTable:
-        """The table with its last row first."""
+        """The table with its rows in reverse order."""
         return replace(self, columns=tuple(column.iloc[::-1].reset_index(drop=True) for column in self.columns))
 
     def labels(self, name: str) -> list[str]:
-        """(n,) values of a column as text, for telling rows apart."""
+        """(n,) values of a column as text, to compare rows by."""
         return [str(value) for value in self.column(name).tolist()]

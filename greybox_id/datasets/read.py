@@ -1,4 +1,4 @@
-"""Reading a recording from a file of any kind that `formats` knows, through a column map."""
+"""Reading a recording through a column map, from a file of any kind in `formats`."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from .recording import Recording, Resampled, Source, split_runs
 __all__ = ["SUFFIXES", "read"]
 
 LARGEST = 1e30
-"""Numbers beyond this are no measurement: they become NaN, since products and squares of them would overflow."""
+"""Numbers beyond this are not measurements and become NaN: products and squares of them would overflow."""
 RUN, START = "run", "start"
 SAMPLED = 400
-"""Rows in which it is looked first whether time runs down."""
+"""Rows checked first for decreasing time."""
 FEWEST_CELLS = 20
-"""Readings of a column from which its own rate is told."""
+"""Fewest readings of a column from which its rate is estimated."""
 
 
 def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Recording:
-    """Read a recording and turn it into SI units and ISO 8855 signs.
+    """Read a recording and convert it to SI units and ISO 8855 signs.
 
     Parameters
     ----------
@@ -44,14 +44,14 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
     Returns
     -------
     Recording
-        Signals (n,) for n rows. Empty cells and numbers that are not finite are NaN. Runs end where time stops running
-        on in its usual step, and where the map's run column changes. Where the mapped columns lie on several clocks,
-        all are brought onto one (`clocks`), and `Recording.resampled` says what that costs.
+        Signals (n,) for n rows. Empty cells and non-finite numbers are NaN. A run ends where the step of time differs
+        from the usual one, and where the map's run column changes. If the mapped columns have several clocks, all are
+        resampled to one (`clocks`), with the estimated error in `Recording.resampled`.
 
     Raises
     ------
     BadInput
-        The file or the map cannot be read, a column is missing or holds text: the sentence says where.
+        The file or the map cannot be read, a column is missing or holds text: the error names it.
     """
     mapping, file = column_map(columns), Path(path)
     result = contents(file, mapping)
@@ -64,18 +64,19 @@ def read_together(
     columns: str | Path | ColumnMap = "canonical",
     late: Mapping[str, ClockAlignment] | None = None,
 ) -> Recording:
-    """Read several files of one drive, each with a clock of its own, as one recording.
+    """Read several files of one drive, each with its own clock, as one recording.
 
     Parameters
     ----------
-    paths : files, one topic or sensor each. Their names without suffix tell their columns apart: `imu/time` is the
+    paths : files, one topic or sensor each. The file's name without suffix qualifies its columns: `imu/time` is the
         column time of imu.csv. A plain name is the column of the first file that has it.
-    columns : as in `read`. The map's time is that of every file; one such as `imu/time` says whose instants are kept.
-    late : file's name without suffix -> how its clock runs against that of the others, taken off its times.
+    columns : as in `read`. The map's time column is that of every file; a qualified one such as `imu/time` selects the
+        clock to which all are resampled.
+    late : file's name without suffix -> alignment of its clock, by which its times are corrected.
 
     Raises
     ------
-    BadInput
+    As in `read`; or two files have the same name, or no time in common.
         As in `read`; or two files have one name, or no time in common.
     """
     mapping = column_map(columns)
@@ -85,13 +86,13 @@ def read_together(
 
 
 def contents_together(paths: Sequence[str | Path], mapping: ColumnMap) -> Contents:
-    """What is in several files of one drive. Raises `BadInput` as `as_parts` does."""
+    """Contents of several files of one drive. Raises `BadInput` as `as_parts` does."""
     parts = as_parts([Path(path) for path in paths], mapping)
     return Contents(" and ".join(str(path) for path in paths), tuple(parts.values()), "several files")
 
 
 def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
-    """Files as groups of one, by their names without suffix. Raises `BadInput` where two have one name."""
+    """Files as one group each, by their names without suffix. Raises `BadInput` if two have the same name."""
     parts: dict[str, Part] = {}
     for file in files:
         name, result = bare_name(file), contents(file, mapping)
@@ -104,11 +105,11 @@ def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
 
 
 class Part(Group):
-    """A file among several: its columns are called by its name and theirs, `imu/time`, or by theirs alone."""
+    """One of several files: its columns have qualified names such as `imu/time`, or plain ones."""
 
     @classmethod
     def of(cls, name: str, group: Group) -> Part:
-        """The one group of a file."""
+        """The single group of a file, with qualified names."""
         prefix = f"{name}/"
 
         def load(target: Sequence[str]) -> RawTable:
@@ -120,15 +121,15 @@ class Part(Group):
         return cls(name, tuple(prefix + name for name in group.names), load, prefix, clock, group.clock_unit, units)
 
     def full(self, name: str, alone: bool = False) -> str | None:
-        """The full name of a column of this file."""
+        """The qualified name of a column of this file."""
         del alone
         return super().full(name, alone=True)
 
 
 def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, Array]:
-    """A signal of one file on its own clock: instants in s as the file counts, increasing, and values in SI units.
+    """A signal of one file on its own clock: increasing times in s, in the file's time base, and values in SI units.
 
-    Rows without a time or a value, and repeated instants, are left out.
+    Rows without a time or a value, and repeated times, are left out.
     """
     time = _time_column(part, mapping, alone=True)
     table, _ = _oldest_first(part.load([*time.names, *column.names]), time)
@@ -179,7 +180,7 @@ def _recording(
 
 
 def _named_as_in(result: Contents, mapping: ColumnMap) -> ColumnMap:
-    """The map with those of a column's names that the file has."""
+    """The map with each column under the first of its names that the file has."""
     return replace(
         mapping,
         time=mapping.time.among(result.find),
@@ -189,7 +190,7 @@ def _named_as_in(result: Contents, mapping: ColumnMap) -> ColumnMap:
 
 
 def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) -> tuple[Joined, list[str]]:
-    """Without the rows before the start column is first other than zero."""
+    """Remove the rows before the start column first differs from zero."""
     if START not in joined.signals:
         return joined, labels
     count = joined.signals[START]
@@ -207,8 +208,8 @@ def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) 
 
 
 def _moved(joined: Joined, where: str, reference: Reference) -> Joined:
-    """With the motion that the poses tell."""
-    from .poses import motion  # Numba is loaded where it is needed
+    """Add the motion estimated from poses."""
+    from .poses import motion  # imported here: it loads Numba
 
     x, y, yaw = (joined.signals[name] for name in ("x", "y", "yaw"))
     result = motion(joined.time, x, y, yaw, reference, where)
@@ -217,7 +218,7 @@ def _moved(joined: Joined, where: str, reference: Reference) -> Joined:
 
 
 def _groups(result: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Column]]]:
-    """The groups that hold mapped columns, with those columns under their full names."""
+    """The groups with mapped columns, and those columns under their names in the group."""
     used: dict[str, tuple[Group, list[Column]]] = {}
     start = [Column(START, mapping.start_column, "1", "1")] if mapping.start_column else []
     for column in (*mapping.channels, *start):
@@ -244,7 +245,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     notes = tuple(filter(None, (order, clock.note, note)))
     rows: Sequence[int] = range(len(table))
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
-    if not mapping.rate:  # else rows are the clock
+    if not mapping.rate:  # with a rate, every row counts as a clock step
         joined, rows = _once(joined)
     joined, spread = (joined, range(len(joined.time))) if mapping.poses else _between_cells(joined, mapping.hold)
     rows = [rows[row] for row in spread]
@@ -258,7 +259,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
 
 
 def _oldest_first(table: RawTable, time: Column) -> tuple[RawTable, str]:
-    """A table whose newest row is the first one, turned, and a sentence that says so; any other as it is."""
+    """A table reversed if its newest row comes first, with a sentence that says so; any other table unchanged."""
     step = max(1, len(table) // SAMPLED)
     few = replace(table, columns=tuple(column.iloc[::step] for column in table.columns))
     for part in (few, table):
@@ -270,9 +271,9 @@ def _oldest_first(table: RawTable, time: Column) -> tuple[RawTable, str]:
 
 
 def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
-    """Columns that are blank in most rows, as those of slower sensors are, on the clock of all rows; and rows kept.
+    """Resample columns that are blank in most rows, as those of slower sensors are, to all rows; and the rows kept.
 
-    They are laid between their own readings; where time steps back they are left as they are.
+    They are interpolated between their own readings; if time steps back anywhere, nothing is changed.
     """
     time, signals, resampled = joined.time, dict(joined.signals), dict(joined.resampled)
     if len(time) < 2 or not np.all(np.diff(time) > 0):
@@ -296,13 +297,13 @@ def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
 
 
 def _once(joined: Joined) -> tuple[Joined, Sequence[int]]:
-    """Rows that hold something and do not repeat the one before, its time included; and which they are.
+    """Drop empty rows and rows that repeat the previous one, including its time; returns the kept rows as well.
 
-    Rows of one packet may share a stamp: where others do, none is a repetition.
+    Rows of one packet may share a stamp: if more stamps than whole rows repeat, no row counts as a repetition.
     """
     columns = [joined.time, *joined.signals.values()]
     filled, same = np.zeros(len(joined.time), dtype=bool), np.ones(max(len(joined.time) - 1, 0), dtype=bool)
-    for values in columns:  # one by one: of hours, a table of all is large
+    for values in columns:  # one by one: a table of all columns of hours would be large
         missing = np.isnan(values)
         filled |= np.isfinite(values)
         same &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
@@ -348,7 +349,7 @@ def _several(
     origin, note = origin_of(clocks)
     plain = mapping.time.column == TIME or (isinstance(groups[0][0], Part) and "/" not in mapping.time.column)
     named = None if plain else result.find(mapping.time.column)
-    if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
+    if named is None and mapping.poses:  # resampled poses would not be readings: their clock is kept
         named = result.find(mapping.signals["x"].column)
     notes = [words for words in (*turned, *dict.fromkeys(clock.note for clock in clocks), note) if words]
     readings = []
@@ -358,7 +359,7 @@ def _several(
         if even is not None:
             notes.append(f"{name}: {even.note}")
         on_time, values = (stamps, values) if even is None else (even.time, even.signals)
-        if name in late:  # known in instants as the file counts
+        if name in late:  # alignments are in the file's time base
             on_time = late[name].corrected(on_time + float(origin)) - float(origin)
         readings.append(Readings(name, on_time, values))
     kind = "the recording" if isinstance(groups[0][0], Part) else ""
@@ -369,9 +370,9 @@ def _several(
 
 
 def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
-    """The column with the time of a group: what the map names if it lies here, else the group's own clock."""
+    """The time column of a group: the map's if the group has it, else the group's clock."""
     names = [mapping.time.column, *mapping.time.otherwise]
-    if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
+    if isinstance(group, Part):  # `imu/time` selects the clock; in the other files the column is `time`
         names += [name.rpartition("/")[2] for name in names]
     known = next((name for name in names if group.full(name, alone)), "")
     name = (group.full(known, alone) if known else None) or group.clock
@@ -436,7 +437,7 @@ def _check_columns(result: Contents, mapping: ColumnMap) -> None:
 
 
 def _part_of(name: str, result: Contents) -> str:
-    """What to do where a map for several files of one drive is given one of them."""
+    """Advice if a map for several files of one drive is used for one of them; else empty."""
     part, _, rest = name.partition("/")
     if not rest or any(known.partition("/")[0] == part for known in result.names):
         return ""

@@ -1,4 +1,4 @@
-"""A recording: time and named signals in SI units, split into unbroken runs."""
+"""A recording: time and named signals in SI units, split into contiguous runs."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 
 
 BY_TURNS = 0.01
-"""Share of the median step by which the mean one differs where stamps come by turns early and late."""
+"""Relative difference of mean and median step above which the mean is used: stamps alternate between two steps."""
 JITTER_TOLERANCE = 0.5
-"""A step in time counts as a join when it differs from the usual step by more than this share of it."""
+"""A time step ends a run if it differs from the usual step by more than this share of it."""
 MOST_SHOWN = 12
-"""Signals that a recording's `repr` names."""
+"""Largest number of signals in a recording's `repr`."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class Source:
     ----------
     path : the file as the user named it; empty for a recording made in memory.
     sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
-    columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
-    between, where : which part of the file it is, as `Recording.between` and `Recording.where` were asked.
-    column_map : text of that map, where it is a user's own: what was made of the recording carries it.
-    first_row : number of the file's first row of values, as a person counts; 0 where it is a table in memory.
+    columns : the column map, as the user named it: a shipped one or the path of a file.
+    between, where : the selected part of the file, as given to `Recording.between` and `Recording.where`.
+    column_map : text of that map if it is a user's own; results made from the recording store it.
+    first_row : row number of the file's first values, counted from 1; 0 for a table in memory.
     """
 
     path: str = ""
@@ -57,15 +57,15 @@ class Source:
 
 @dataclass(frozen=True)
 class Resampled:
-    """How a signal came onto a clock that is not its own.
+    """How a signal was resampled to the recording's clock.
 
     Attributes
     ----------
     method : "linear" between readings, or "held" from one reading to the next, as commands are.
-    clock : whose clock the signal had: a topic, a channel group.
-    rate : its own readings a second, Hz.
-    error : root mean square of what resampling is estimated to add, in the signal's SI unit.
-    largest : the largest such estimate, in the signal's SI unit.
+    clock : the clock of the signal's readings: a topic, a channel group.
+    rate : readings per second, Hz.
+    error : root mean square of the estimated resampling error, in the signal's SI unit.
+    largest : largest estimated resampling error, in the signal's SI unit.
     """
 
     method: Literal["linear", "held"]
@@ -77,21 +77,21 @@ class Resampled:
 
 @dataclass(frozen=True, repr=False)
 class Recording:
-    """Time and named signals in SI units, split into unbroken runs.
+    """Time and named signals in SI units, split into contiguous runs.
 
     Attributes
     ----------
     name : short name for tables and figures.
-    time : (n,) s, increasing within each run; it may restart at a join.
+    time : (n,) s, increasing within each run; it may restart in the next run.
     signals : name -> (n,) values in the SI unit of `greybox_id.base.signals.SIGNALS`; NaN where missing.
-    runs : row ranges [start, stop) without a join inside; they cover all rows, in order.
+    runs : row ranges [start, stop) of contiguous samples; they cover all rows, in order.
     source : provenance.
-    extra_units : units of signals that are not in `SIGNALS` (a file's own further channels).
-    hold : what commands do between rows: "zero", they keep their value until the next row; "linear", they run
-        straight to the next one.
-    hold_stated : whether somebody has said so; where nobody has, a fit weighs both.
-    resampled : signals that had a clock of their own and were brought onto `time`, and what that costs.
-    notes : what else reading did to the file that a person should know, as sentences.
+    extra_units : units of signals that are not in `SIGNALS` (further channels of the file).
+    hold : commands between rows: "zero", they are constant until the next row; "linear", they change linearly to the
+        next one.
+    hold_stated : whether `hold` was stated; if not, a fit compares both.
+    resampled : signals that were resampled from another clock onto `time`, with the estimated error.
+    notes : other changes made when reading the file, as sentences.
 
     Examples
     --------
@@ -171,23 +171,24 @@ class Recording:
 
         Parameters
         ----------
-        table : (n, columns) a row per sample; columns are called as the signals they are (`v_x`, `yaw_rate`, `steer`
-            ...). Columns that hold no numbers are left out, unless `units` names them.
-        units : column -> unit of its values, such as "deg/s" or "km/h"; SI where nothing is said. For a column that is
-            no signal, its unit.
-        time : column that holds the time; "s" unless `units` says otherwise. Where there is none, the table's index.
+        table : (n, columns) one row per sample; columns are named after their signals (`v_x`, `yaw_rate`, `steer` ...).
+            Non-numeric columns are omitted, unless `units` names them.
+        units : column -> unit of its values, such as "deg/s" or "km/h"; the SI unit if missing. For a column that is
+            not a known signal, its unit.
+        time : column with the time; in "s" unless `units` states another unit. Without such a column, the table's
+            index.
         name : short name for tables and figures.
-        hold : what commands do between rows: "zero" or "linear".
+        hold : commands between rows: "zero" or "linear".
 
         Returns
         -------
         Recording
-            Signals (n,) in SI units. Runs end where time stops running on in its usual step.
+            Signals (n,) in SI units. A run ends where the step of time differs from the usual one.
 
         Raises
         ------
         BadInput
-            A unit does not measure what its column is, `units` names a column that there is not, or there is no time.
+            A unit does not fit the quantity of its column, `units` names a missing column, or there is no time.
 
         Examples
         --------
@@ -224,7 +225,7 @@ class Recording:
         return cls(name=name, time=factor * instants, signals=signals, extra_units=extra, hold=hold)
 
     def to_pandas(self) -> pd.DataFrame:
-        """A row per sample: time, run (from 1), and every signal in its SI unit.
+        """One row per sample: time, run (from 1), and every signal in its SI unit.
 
         Returns
         -------
@@ -253,9 +254,9 @@ class Recording:
 
     @cached_property
     def sample_time(self) -> float:
-        """Usual time step within runs, s: the median of all steps that do not cross a join, or their mean.
+        """Usual time step within runs, s: the median of all steps within runs, or their mean.
 
-        Of stamps that come by turns 32 and 48 ms apart the median is one of the two; the rows are 40 ms apart.
+        If stamps alternate between steps of 32 and 48 ms, the median is one of the two; the mean, 40 ms, is used then.
         """
         steps = [np.diff(self.time[start:stop]) for start, stop in self.runs]
         joined = np.concatenate(steps) if steps else np.empty(0)
@@ -266,11 +267,11 @@ class Recording:
 
     @property
     def duration(self) -> float:
-        """Recorded time, s: the sum over runs, gaps at joins not counted."""
+        """Recorded time, s: the sum over runs, without gaps between them."""
         return float(sum(self.time[stop - 1] - self.time[start] for start, stop in self.runs))
 
     def has(self, *names: str) -> bool:
-        """Whether all of these signals are there, and not missing throughout."""
+        """Whether the recording has all of these signals, each with at least one reading."""
         return all(name in self and bool(np.isfinite(self[name]).any()) for name in names)
 
     def require(self, names: Iterable[str], purpose: str) -> None:
@@ -284,7 +285,7 @@ class Recording:
             )
 
     def must_run(self) -> None:
-        """Raise `BadInput` where no two rows follow each other in time: nothing moves in such a recording."""
+        """Raise `BadInput` if time never advances from one row to the next: such a recording cannot be simulated."""
         if not self.sample_time > 0:
             rows = "a single row" if len(self) == 1 else f"{len(self)} rows, and in none of them does time advance"
             raise BadInput(
@@ -293,24 +294,24 @@ class Recording:
             )
 
     def each_run(self) -> Iterator[Recording]:
-        """Each unbroken run as a recording of its own."""
+        """Each run as a separate recording."""
         for number, (start, stop) in enumerate(self.runs, 1):
             yield replace(self.rows(start, stop), name=f"{self.name}, run {number}")
 
     @understood
     def rows(self, start: int, stop: int) -> Recording:
-        """The rows [start, stop), joins kept."""
+        """The rows [start, stop), with the boundaries of runs kept."""
         inside = [(max(a, start) - start, min(b, stop) - start) for a, b in self.runs]
         return self.taken(slice(start, stop), ((a, b) for a, b in inside if b > a))
 
     def every(self, step: int) -> Recording:
-        """One of so many rows, of each run."""
+        """Every `step`-th row of each run."""
         kept = [np.arange(start, stop, step) for start, stop in self.runs]
         ends = np.cumsum([0, *map(len, kept)]).tolist()
         return self.taken(np.concatenate(kept), zip(ends[:-1], ends[1:], strict=True))
 
     def taken(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_], runs: Iterable[tuple[int, int]]) -> Recording:
-        """Some rows, by place or as a mask, whose runs are then these."""
+        """Selected rows, by index or mask, with new runs."""
         signals = {name: values[rows] for name, values in self.signals.items()}
         return replace(self, time=self.time[rows], signals=signals, runs=tuple(runs))
 
@@ -321,7 +322,7 @@ class Recording:
         Raises
         ------
         BadInput
-            No row lies there.
+            No row lies in this interval.
         """
         low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
         requested = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
@@ -330,20 +331,20 @@ class Recording:
 
     @understood
     def where(self, condition: str) -> Recording:
-        """The rows at which a condition on signals and `time` holds, as `condition.holds` understands it.
+        """The rows in which a condition on signals and `time` is true, in the syntax of `condition.holds`.
 
-        Rows at which a signal that it names is missing are left out. A run ends where rows are left out.
+        Rows in which a signal of the condition is missing are left out. A run ends where rows are left out.
 
         Raises
         ------
         BadInput
-            The condition cannot be understood, or holds nowhere.
+            The condition cannot be parsed, or is true in no row.
         """
         kept = self.keep(holds(condition, {**self.signals, "time": self.time}), f"where {condition}")
         return replace(kept, source=replace(kept.source, where=condition))
 
     def keep(self, rows: NDArray[np.bool_], words: str) -> Recording:
-        """The rows of a mask (n,), called by some words: "in motion". A run ends where rows are left out.
+        """The rows of a mask (n,), described by `words`, such as "in motion". A run ends where rows are left out.
 
         Raises
         ------
@@ -371,7 +372,7 @@ class Recording:
 
 
 def join(recordings: Iterable[Recording], name: str) -> Recording:
-    """Several recordings one after the other, with a join between each; only common signals are kept."""
+    """Several recordings one after the other, in separate runs; only common signals are kept."""
     parts = list(recordings)
     if not parts:
         raise BadInput("There is no recording to work on; name at least one file.")
@@ -389,9 +390,9 @@ def join(recordings: Iterable[Recording], name: str) -> Recording:
 
 
 def split_runs(time: Array) -> tuple[tuple[int, int], ...]:
-    """Row ranges [start, stop) in which time runs on in its usual step.
+    """Row ranges [start, stop) in which time advances by its usual step.
 
-    Time that stands still, steps back or jumps by more than `JITTER_TOLERANCE` of the usual step begins a new run.
+    A new run begins where a step is zero, negative or differs from the usual one by more than `JITTER_TOLERANCE` of it.
     """
     if len(time) == 0:
         return ()
@@ -408,7 +409,7 @@ def split_runs(time: Array) -> tuple[tuple[int, int], ...]:
 def _frozen(values: object, where: str) -> Array:
     array = _numbers(values, where)
     if array is values and type(array) is np.ndarray and array.flags.owndata and not array.flags.writeable:
-        return array  # of another recording: of hours, a copy of all columns is large
+        return array  # shared with another recording: a copy of all columns of hours would be large
     array = np.array(array)
     array.setflags(write=False)
     return array

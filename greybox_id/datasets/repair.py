@@ -1,4 +1,4 @@
-"""A repair that a check proposes, taken: the column map with signs, units and columns put right, and what changed."""
+"""Applying a repair that a check proposes: the column map with corrected signs, units and columns."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from .checks.finding import Finding
 
 SAME = 1e-3
-"""Relative difference of two factors that mean the same unit."""
+"""Relative difference below which two factors are those of the same unit."""
 UNITS = ("m/s", "km/h", "rad/s", "deg/s", "rpm", "rad", "deg", "m/s^2", "g", "m", "mm", "s", "ms", "us", "min")
 TIME = "time"
 
 
 @dataclass(frozen=True)
 class Repaired:
-    """A column map put right.
+    """A corrected column map.
 
     Attributes
     ----------
-    mapping : the map.
-    changes : what was changed, a phrase each.
+    mapping : the corrected map.
+    changes : one phrase per change.
     """
 
     mapping: ColumnMap
@@ -38,12 +38,12 @@ class Repaired:
 
 
 def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None:
-    """The map with the first repair that findings propose; None where they propose none that a map can hold.
+    """The map with the first repair that the findings propose; None if no proposed repair can be expressed in a map.
 
     Parameters
     ----------
-    mapping : that the recording was read through.
-    findings : of its check.
+    mapping : the map through which the recording was read.
+    findings : of the check of that recording.
     """
     for finding in findings:
         if finding.repair and all(source in (*mapping.signals, TIME) for source, *_ in finding.repair.values()):
@@ -52,13 +52,13 @@ def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None
 
 
 def in_words(recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
-    """What a repair changes in the column map that a recording was read through; empty where that is not known."""
+    """Changes by a repair to the column map of a recording, in words; empty if that map is not known."""
     source = recording.source
     if not source.columns or not repair:
         return ""
     try:
         mapping = column_map(carried_map(source.columns, source.column_map))
-    except BadInput:  # one that was made in memory, as a proposal is, has neither text nor file
+    except BadInput:  # a map made in memory, such as a proposal, has neither text nor file
         return ""
     if not all(name in (*mapping.signals, TIME) for item, (of, *_) in repair.items() for name in (item, of)):
         return ""
@@ -81,7 +81,10 @@ def _with(mapping: ColumnMap, repair: Mapping[str, tuple[str, float, float]]) ->
 
 
 def _turned(column: Column, factor: float, offset: float) -> Column:
-    """A column whose values come out `factor` times as large, plus an offset: by its sign, unit, or else its scale."""
+    """A column whose converted values are multiplied by `factor` and shifted by `offset`.
+
+    The sign takes the factor's sign; its size changes the unit if one fits, else the scale.
+    """
     sign = -1 if factor < 0 else 1
     size = abs(factor)
     target = to_si(column.unit, column.si_unit).factor * size
@@ -115,7 +118,7 @@ def _changed(before: Column, after: Column) -> str:
 
 
 def map_text(mapping: ColumnMap) -> str:
-    """A column map as TOML, from which it is read again as it is."""
+    """A column map as TOML text; parsing it gives the same map."""
     lines = [f"{key} = {quoted(value)}" for key, value in _words(mapping).items() if value]
     if mapping.rate:
         lines.append(f"rate = {mapping.rate!r}")

@@ -1,4 +1,4 @@
-"""Tables of results, one row a sample, as CSV, Parquet, MDF 4 (.mf4) or MCAP: what plotting tools open."""
+"""Tables of results, one row per sample, as CSV, Parquet, MDF 4 (.mf4) or MCAP, formats that plotting tools open."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from .formats import BETWEEN_RUNS, Columns, mdf, needed
 PLAIN = (".csv", ".parquet")
 SUFFIXES = (*PLAIN, ".mf4", ".mcap")
 ENDINGS = ("_predicted", "_simulated", "_sd")
-"""What names of results end in behind the signal they are of."""
+"""Suffixes that names of results add to the name of their signal."""
 AT_A_TIME = 100_000
-"""Rows of Parquet that are encoded at once, which bounds memory."""
+"""Rows of Parquet that are encoded at a time, which bounds memory."""
 TOPIC = "/greybox"
-"""Of MCAP: one message a row."""
+"""Topic in MCAP files: one message per row."""
 
 
 def target_of(out: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
-    """Where a table is to be written. Raises `BadInput` for a kind of file that is not written."""
+    """Path of a table to be written. Raises `BadInput` if its suffix is not supported."""
     target = Path(out)
     if target.suffix not in suffixes:
         kinds = " or ".join(filter(None, (", ".join(suffixes[:-1]), suffixes[-1])))
@@ -40,18 +40,18 @@ def target_of(out: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
 
 
 def claimed_table(out: str, words: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
-    """Where a table of `words` is to be written, claimed before long work. Raises `BadInput` where it may not be."""
+    """Path of a table with content `words`, claimed before long work. Raises `BadInput` if it must not be written."""
     return claim(target_of(out, suffixes), becomes=words)
 
 
 def write_table(table: pd.DataFrame, target: Path, words: str) -> None:
-    """Write a table as the file's name says, atomically; columns `time` [s] and `run`, others in their SI units.
+    """Write a table atomically in the format of the suffix; columns `time` [s] and `run`, others in their SI units.
 
     Parameters
     ----------
-    table : one row a sample.
+    table : one row per sample.
     target : a file whose suffix is one of `SUFFIXES`.
-    words : what it holds, such as "a table of predictions"; the file says so where it can.
+    words : its content, such as "a table of predictions"; noted in the file if the format allows.
     """
     with replacing(target) as beside:
         if target.suffix == ".csv":
@@ -78,7 +78,7 @@ def _units(table: pd.DataFrame) -> dict[str, str]:
 
 
 def _clock(table: pd.DataFrame) -> np.ndarray[Any, Any]:
-    """Seconds that do not step back: the table's time, moved where a run starts before the last one ended."""
+    """The table's time in s, shifted where it would step back from one run to the next, so that it always increases."""
     if "time" not in table:
         return np.arange(len(table), dtype=float)
     time = table["time"].to_numpy(dtype=float)
@@ -87,7 +87,7 @@ def _clock(table: pd.DataFrame) -> np.ndarray[Any, Any]:
 
 
 def _write_mcap(table: pd.DataFrame, path: Path, words: str) -> None:
-    """JSON messages with their schema; what is no number is left out of its message."""
+    """Write one JSON message per row, with a schema; NaN values are omitted from their message."""
     writer_of = needed("mcap.writer", "mcap", str(path), "MCAP").Writer
     units = _units(table)
     properties: dict[str, Mapping[str, str]] = {str(name): {"type": "number"} for name in table}
@@ -97,7 +97,7 @@ def _write_mcap(table: pd.DataFrame, path: Path, words: str) -> None:
     schema = {"type": "object", "title": "greybox.Row", "description": words, "properties": properties}
     names, rows = [str(name) for name in table], table.to_numpy(dtype=float)
     clock = np.round(_clock(table) * 1e9).astype(np.int64)
-    clock -= min(0, int(clock.min(initial=0)))  # MCAP's times are above zero
+    clock -= min(0, int(clock.min(initial=0)))  # MCAP's times must not be negative
     with path.open("wb") as opened:
         writer = writer_of(opened)
         writer.start(profile="", library=f"{MARK}: {words}")

@@ -1,6 +1,6 @@
 """Recordings, vehicles and column maps that come with the package.
 
-`racer_train` and `racer_valid` are made by `greybox_lab.virtual.synthetic_racer`: a synthetic 1:10 car in
+`racer_train` and `racer_valid` were made by `greybox_lab.virtual.synthetic_racer`: a synthetic 1:10 car in
 the columns and units of the RoboRacer recordings.
 """
 
@@ -13,7 +13,7 @@ from ..base.toml_file import small_text
 FOLDER = Path(__file__).parent / "shipped"
 
 SHIPPED = ("racer_train", "racer_valid")
-"""Names `shipped` understands."""
+"""Names that `shipped` accepts."""
 
 
 def shipped(name: str) -> Path:
@@ -47,18 +47,18 @@ def shipped(name: str) -> Path:
 
 
 def shipped_files(folder: str) -> tuple[str, ...]:
-    """Names of the TOML files that come with the package in a folder of this one."""
+    """Names of the TOML files that come with the package in a subfolder of this one."""
     return tuple(sorted(file.stem for file in (FOLDER.parent / folder).glob("*.toml")))
 
 
 def named_text(text: str, folder: str, what: str, suffixes: tuple[str, ...] = (".toml",)) -> tuple[str, Path]:
-    """The text of a shipped file of this name or of a user's own at this path, and what the file is called.
+    """The text of a shipped file with this name or of a user's file at this path, and the file's name or path.
 
     Parameters
     ----------
-    folder : of the shipped ones, which people call so as well.
-    what : such a thing is called; its file is a "`what` file" unless it is a map.
-    suffixes : of a user's own.
+    folder : of the shipped files.
+    what : kind of file, for errors; "column map" or a word to which " file" is added.
+    suffixes : allowed for a user's file.
 
     Raises
     ------

@@ -1,5 +1,5 @@
-"""Readers that run in a process of their own, since damaged files end the C libraries beneath them.
+"""Readers that run in an isolated process, since damaged files crash the C libraries that they use.
 
-They import nothing of the package but `contained`: `formats/apart.py` starts one for every file, which has to be quick.
-Each module has a class `Reader(file, folder)`, whose methods answer with what JSON holds, or with one array.
+They import nothing of the package but `contained`: `formats/apart.py` starts one for every file, which must be quick.
+Each module has one class with arguments (file, folder), whose methods return plain JSON data or one array.
 """

@@ -1,4 +1,4 @@
-"""HDF5 and MAT 7.3 by h5py: which datasets there are, and their values."""
+"""HDF5 and MAT 7.3 by h5py: list of the datasets, and their values."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Hdf5Reader:
         self._opened = h5py.File(file, "r")
 
     def datasets(self) -> list[dict[str, Any]]:
-        """All datasets: name, shape, bytes of an element, fields with numbers (None: the dataset itself) and unit."""
+        """All datasets: name, shape, bytes per element, numeric fields (None for the dataset itself) and unit."""
         result: list[dict[str, Any]] = []
 
         def visit(name: str, node: Any) -> None:
@@ -28,7 +28,7 @@ class Hdf5Reader:
         return result
 
     def variables(self) -> dict[str, Any]:
-        """MATLAB's variables: datasets but for texts and what is empty, and the names of objects."""
+        """MATLAB's variables: datasets except texts and empty ones, and the names of objects."""
         result: list[dict[str, Any]] = []
         objects: list[str] = []
 
@@ -50,7 +50,7 @@ class Hdf5Reader:
 
 
 def _described(name: str, node: Any) -> list[dict[str, Any]]:
-    """What is to be known of a dataset; nothing of one without a shape."""
+    """Description of a dataset, as `Hdf5Reader.datasets` lists it; empty for a dataset without a shape."""
     if node.shape is None:
         return []
     kind = node.dtype

@@ -1,4 +1,4 @@
-"""MAT files of version 4 to 7 by scipy: which arrays of numbers there are, and their values."""
+"""MAT files of version 4 to 7 by scipy: list of the numeric arrays, and their values."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
 
 DEEPEST = 32
-"""Structs within structs; deeper ones are damage."""
+"""Largest depth of nested structs; a greater one means a damaged file."""
 
 
 class MatReader:
-    """A file that was read."""
+    """A loaded file."""
 
     def __init__(self, file: str, _: str) -> None:
         held = loadmat(file, appendmat=False, mat_dtype=True, struct_as_record=True)
@@ -26,19 +26,19 @@ class MatReader:
                 self._take([name], value)
 
     def variables(self) -> dict[str, list[Any]]:
-        """Arrays of numbers with their paths and shapes, texts with their paths, and the names of objects."""
+        """Numeric arrays with their paths and shapes, texts with their paths, and the names of objects."""
         return self._found
 
     def values(self, number: int) -> NDArray[Any]:
-        """The values of an array, counted as `variables` lists them."""
+        """The values of an array, by its index in the list of `variables`."""
         return self._arrays[number]
 
     def _take(self, path: list[str], value: Any) -> None:
-        """Note what a variable or field holds; what cannot be a signal is left out."""
+        """Record a variable's or field's arrays, texts and objects, recursively; other values cannot be signals."""
         if len(path) > DEEPEST:
             raise ValueError("structs are nested too deep")
         if isinstance(value, MatlabOpaque):
-            text = _text(np.ravel(value["s0"])[0]) if path == ["None"] else ""  # scipy leaves its name inside
+            text = _text(np.ravel(value["s0"])[0]) if path == ["None"] else ""  # its name is in the value
             self._found["objects"].append(text or ".".join(path))
         elif isinstance(value, MatlabObject | MatlabFunction):
             self._found["objects"].append(".".join(path))
@@ -53,7 +53,7 @@ class MatReader:
 
 
 def _fields(records: NDArray[Any]) -> Iterator[tuple[int, str, Any]]:
-    """Number of the record from 1 on, field and what it holds."""
+    """(record number from 1, field, value) of a struct array."""
     for number, record in enumerate(np.ravel(records, order="F"), 1):
         for field in records.dtype.names or ():
             yield number, field, record[field]

@@ -1,4 +1,4 @@
-"""MDF by asammdf: which channels there are, and their values."""
+"""MDF by asammdf: list of the channels, and their values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class MdfReader:
         self._opened: Any = asammdf.MDF(file, temporary_folder=folder)
 
     def groups(self) -> list[dict[str, Any]]:
-        """All channel groups: title, names and units of channels, number of the channel that is the clock."""
+        """All channel groups: title, channel names and units, index of the time channel."""
         return [
             {
                 "title": getattr(group.channel_group, "acq_name", "") or str(k),
@@ -29,8 +29,8 @@ class MdfReader:
         ]
 
     def values(self, group: int, index: int) -> NDArray[Any]:
-        """(n,) a channel's values, NaN where the file marks them as invalid; empty texts for what is no column."""
-        signal = self._opened.get(group=group, index=index, ignore_invalidation_bits=True)  # else rows are left out
+        """(n,) a channel's values, NaN where the file marks them as invalid; empty texts if it is no plain column."""
+        signal = self._opened.get(group=group, index=index, ignore_invalidation_bits=True)  # otherwise rows are dropped
         values = np.asarray(signal.samples)
         if values.dtype.kind == "O" and values.ndim == 1:
             values = np.array([str(value) for value in values], dtype=str)
