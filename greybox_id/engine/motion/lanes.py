@@ -1,9 +1,7 @@
-"""Intervals of runs laid side by side, so that one call integrates them all.
+"""Intervals of runs side by side as lanes, so that one call integrates them all, and the targets of their predictions.
 
 An interval is a stretch of rows predicted from one start. It may be cut into several lanes that are integrated at the
 same time once the states at the cuts are known: the parallel form of multiple shooting.
-
-What predictions are held against: readings, how much each counts, and how residuals in the tails count.
 """
 
 from __future__ import annotations
@@ -32,25 +30,25 @@ class Interval(NamedTuple):
 
     @property
     def rows(self) -> int:
-        """How many."""
+        """Number of rows."""
         return self.stop - self.start
 
 
 @dataclass(frozen=True)
 class Lanes:
-    """Intervals, perhaps cut, as lanes of equal length.
+    """Intervals, possibly cut, as lanes of equal length.
 
     Attributes
     ----------
-    segments : (L, S, segment size); lanes shorter than the longest are filled up with segments of no length. Where
-        all lanes have the same ones, they share them.
-    reads : (S,) at whose starts outputs are read.
-    interval : (L,) interval each lane belongs to.
-    first : (L,) whether a lane is its interval's first.
+    segments : (L, S, segment size); shorter lanes are padded with segments of zero length. Lanes with the same segments
+        share their memory.
+    reads : (S,) segments at whose start outputs are read.
+    interval : (L,) interval that each lane belongs to.
+    first : (L,) whether a lane is the first of its interval.
     offset : (L,) segments between the interval's start and the lane's.
-    lane, rank : (N, outputs) where the reading of each row of each interval, one interval after the other, is found
-        among the outputs of all lanes; -1 where nothing was read.
-    rows : (intervals + 1,) where each interval's rows begin among the N.
+    lane, rank : (N, outputs) for each row of all intervals, the lane of its reading and the reading's number in that
+        lane; -1 where nothing was read.
+    rows : (intervals + 1,) first of the N rows of each interval.
     """
 
     segments: Array
@@ -64,7 +62,7 @@ class Lanes:
 
     @cached_property
     def flat(self) -> Index:
-        """(N * outputs,) where each reading stands among those of all lanes laid out in one row."""
+        """(N * outputs,) index of each reading in the flattened readings of all lanes."""
         return self._places()
 
     def _places(self) -> Index:
@@ -79,12 +77,12 @@ class Lanes:
 
     @cached_property
     def ends(self) -> NDArray[np.bool_]:
-        """(S + 1,) of the segments' starts and the end: the end."""
+        """(S + 1,) mask over the segments' starts and the end that is true at the end only."""
         return np.append(np.zeros(len(self.reads), dtype=bool), True)
 
     @cached_property
     def marks(self) -> NDArray[np.bool_]:
-        """(S + 1,) the same, and `MARKS` of the starts: where it shows whether lanes forgot where they began."""
+        """(S + 1,) `ends` with `MARKS` of the starts, at which lanes are compared with the previous pass."""
         marks = self.ends.copy()
         marks[:: -(-len(self.reads) // MARKS)] = True
         return marks
@@ -96,15 +94,15 @@ class Lanes:
 
     @cached_property
     def owner(self) -> Index:
-        """(N * outputs,) interval that predicts each reading: a late one the interval before may."""
-        if len(self.rows) == 2:  # of hours, so many zeros
+        """(N * outputs,) interval that predicts each reading; for a late reading it may be the previous one."""
+        if len(self.rows) == 2:  # a view instead of as many zeros, for hours of data
             return np.broadcast_to(np.zeros(1, dtype=np.intp), self.lane.size)
         value = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
         return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], value).ravel())
 
     @cached_property
     def by_owner(self) -> tuple[Index | None, Index]:
-        """The order that sorts readings by their owner, None where they are; where each owner's begin in it."""
+        """The order that sorts readings by owner (None if sorted already), and the first index of each owner in it."""
         if len(self.rows) == 2:
             return None, np.array([0, self.lane.size])
         sorted_already = bool(np.all(np.diff(self.owner) >= 0))
@@ -114,16 +112,16 @@ class Lanes:
 
     @cached_property
     def in_order(self) -> bool:
-        """Whether lanes, one after the other, take each reading of each row once: nothing is then to be moved."""
+        """Whether the lanes' readings, concatenated, are those of all rows in order, so that no copy is needed."""
         count = int(np.sum(self.reads))
         if len(self.interval) * count * self.lane.shape[1] != self.lane.size or not self.complete:
             return False
-        order = np.arange(len(self.lane))  # all are taken once: they begin with the first reading of the first lane
+        order = np.arange(len(self.lane))  # as each is read once, they start with the first reading of the first lane
         columns = zip(self.lane.T, self.rank.T, strict=True)
         return all(np.array_equal(lane.astype(np.intp) * count + rank, order) for lane, rank in columns)
 
     def scattered(self, values: Array) -> Array:
-        """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
+        """Values per reading, (N, outputs), arranged by lanes, (L, R, outputs); zero elsewhere."""
         shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
         if self.in_order:
             return values.reshape(shape)
@@ -136,7 +134,7 @@ class Lanes:
         return result.reshape(shape)
 
     def gathered(self, values: Array, nothing: float = np.nan) -> Array:
-        """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""
+        """Values by lanes, (L, R, outputs, ...), arranged by rows of the intervals, (N, outputs, ...)."""
         more = values.shape[3:]
         if self.in_order:
             return values.reshape(*self.lane.shape, *more)
@@ -151,7 +149,7 @@ class Lanes:
 
 
 WIDTHS = {8: 1.0, 4: 0.62}
-"""Trajectories that a compiled call integrates at once -> what a segment of them costs, over that of the most.
+"""Trajectories that a compiled call integrates at once -> cost of a segment, relative to the widest.
 
 Measured on single tracks with 15 states: 17.5 and 28 ms for 6 436 segments, 0.55 to 0.65 in all.
 """
@@ -159,9 +157,9 @@ Measured on single tracks with 15 states: 17.5 and 28 ms for 6 436 segments, 0.5
 
 @lru_cache(maxsize=256)
 def packed(lengths: tuple[int, ...]) -> list[slice]:
-    """Which trajectories are best integrated in one call, of so many segments each, shortest first: parts of them.
+    """Group trajectories into calls at the lowest cost, as slices of them.
 
-    A call takes as long as its longest one.
+    `lengths` are their segments, in ascending order. A call takes as long as its longest trajectory.
     """
     least, begin = [0.0], [0]
     for stop in range(1, len(lengths) + 1):
@@ -180,7 +178,7 @@ def packed(lengths: tuple[int, ...]) -> list[slice]:
 
 
 def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
-    """Rows at which lanes of an interval of a run begin that is cut into so many of about as many segments each."""
+    """First rows of the lanes of an interval that is cut into `cuts` lanes of about equally many segments."""
     if cuts <= 1:
         return np.array([start])
     begin = plan.row_segment[start:stop]
@@ -189,19 +187,19 @@ def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
 
 
 def _ends(plan: Schedule, start: int, stop: int) -> tuple[int, int]:
-    """Segments at which rows begin and end."""
+    """Segments at which rows start to stop begin and end."""
     last = plan.row_segment[stop] if stop < len(plan.row_segment) else len(plan.segments)
     return int(plan.row_segment[start]), int(last)
 
 
 def even_cuts(schedules: Sequence[Schedule], intervals: Sequence[Interval], lanes: int) -> list[int]:
-    """How many of so many lanes each interval is cut into, so that the longest lane is as short as can be.
+    """Lanes per interval, `lanes` in all, that make the longest lane as short as possible.
 
-    A call takes as long as its longest lane: intervals cut into as many lanes each would wait for the longest one.
+    A call takes as long as its longest lane: with equally many lanes per interval, all would wait for the longest.
     """
     ends = (_ends(schedules[item.run], item.start, item.stop) for item in intervals)
     longest: list[tuple[float, int, int]] = [(first - last, k, 1) for k, (first, last) in enumerate(ends)]
-    heapify(longest)  # the longest first: with its sign changed, it is the smallest
+    heapify(longest)  # by negative length: the longest comes first
     for _ in range(lanes - len(longest)):
         size, k, count = longest[0]
         heapreplace(longest, (size * count / (count + 1), k, count + 1))
@@ -209,13 +207,13 @@ def even_cuts(schedules: Sequence[Schedule], intervals: Sequence[Interval], lane
 
 
 def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequence[int] | int = 1) -> Lanes:
-    """Lay intervals side by side, each cut into so many lanes of about equal length.
+    """Arrange intervals side by side, each cut into lanes of about equal length.
 
     Parameters
     ----------
     schedules : per run.
     intervals : in the order of runs and rows.
-    cuts : lanes per interval, or of each; fewer where an interval is shorter.
+    cuts : lanes per interval, one number or one for each; fewer if an interval is too short.
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
     run, start, stop = (np.array(item) for item in zip(*intervals, strict=True))
@@ -236,16 +234,16 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
     segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
-    del edge  # of hours, each is large
+    del edge  # large for hours of data
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
     )
     number = np.cumsum(reads) - 1
     outputs = schedules[0].read_segment.shape[1]
-    alike = all(item.read_segment.strides[1] == 0 for item in schedules)  # one column stands for all
+    alike = all(item.read_segment.strides[1] == 0 for item in schedules)  # one column represents all outputs
     lane, rank = np.empty((2, len(row), min(1, outputs) if alike else outputs), dtype=np.int32)
-    for k in range(lane.shape[1]):  # output by output: of hours, what is on the way is large
+    for k in range(lane.shape[1]):  # output by output: intermediate arrays of hours of data are large
         columns = [(item.read_segment[:, k], at) for item, at in numbered]
         read = _joined([np.where(column < 0, -1, column + at) for column, at in columns])[row]
         mine = np.where(read >= 0, where[np.maximum(read, 0)], -1)
@@ -275,11 +273,11 @@ def _alike(schedules: Sequence[Schedule], run: Index, begin: Index, length: Inde
 
 
 def _filled(schedules: Sequence[Schedule], begin: Index, length: Index) -> tuple[Array, NDArray[np.bool_]]:
-    """Segments of lanes side by side, and whether any of them reads; lanes that are shorter get segments of no length.
+    """Segments of all lanes, padded with segments of zero length, and whether any lane reads at each segment.
 
-    `begin` counts the segments of all schedules one after the other.
+    `begin` counts the segments of all schedules, concatenated.
     """
-    if len(begin) == 1 and len(schedules) == 1:  # one lane is a stretch of its schedule, which may be of hours
+    if len(begin) == 1 and len(schedules) == 1:  # one lane is a view of its schedule, which may be hours long
         here = slice(int(begin[0]), int(begin[0] + length[0]))
         return schedules[0].segments[None, here], schedules[0].reads[here]
     place = np.arange(int(np.max(length)))
@@ -291,14 +289,14 @@ def _filled(schedules: Sequence[Schedule], begin: Index, length: Index) -> tuple
 
 
 MARKS = 32
-"""Places along lanes at which they are compared with how they were before: half of what is between two is simulated in
-vain, 2 %."""
+"""Places along lanes at which states are compared with the previous pass: on average half the distance between two is
+simulated in vain, 2 % of a lane."""
 MOST_PASSES, CLOSED, SHRINKS, SAME = 5, 1e-9, 0.3, 1e-12
-"""Lanes are matched in so many passes at most, until no gap exceeds this share of a state's size; where a pass leaves
-more than the last share of the widest gap before it, one lane after the other is simulated instead. Motion forgets
-where it began: however wide gaps are at first, a pass or two closes them, in a sixth of the time that lanes in turn
-take. Where a state is within SAME of its size of what it was a pass before, a thousandth of what gaps may be, the rest
-of its lane is not simulated again."""
+"""Largest number of matching passes; gap, relative to a state's size, at which lanes match; largest ratio of the widest
+gaps of two successive passes, beyond which lanes are simulated one after the other instead; relative difference to the
+previous pass, a thousandth of a permitted gap, below which the rest of a lane is not simulated again. Motion forgets
+its initial state: however wide the first gaps, one or two passes close them, in a sixth of the time of a sequential
+simulation."""
 
 
 @dataclass(frozen=True)
@@ -307,11 +305,11 @@ class Chain:
 
     Attributes
     ----------
-    x : (unknowns,) where it was made.
-    index : (intervals, q) where the unknowns that move each interval stand among all.
-    starts : (L, nz) states where lanes begin.
+    x : (unknowns,) point of the linearisation.
+    index : (intervals, q) indices of each interval's free unknowns among all.
+    starts : (L, nz) initial states of the lanes.
     by : (L, nz, q) their derivative by those unknowns.
-    ends : (L, nz, nz) the derivative of states where lanes end by where they begin.
+    ends : (L, nz, nz) derivative of the lanes' final states by their initial states.
     """
 
     x: Array
@@ -321,7 +319,7 @@ class Chain:
     ends: Array
 
     def foretold(self, x: Array, z0: Array, lanes: Lanes) -> Array:
-        """States where lanes begin, (L, nz), to first order in the unknowns; intervals begin at z0."""
+        """Initial states of the lanes, (L, nz), to first order in the unknowns; intervals start at z0."""
         moved = (x - self.x)[self.index]
         starts: Array = self.starts + np.einsum("lzq,lq->lz", self.by, moved[lanes.interval])
         starts[lanes.first] = z0
@@ -338,14 +336,14 @@ def matched(
 
     Parameters
     ----------
-    starts : (L, nz) states to begin from; they are changed.
-    ends : (L, nz, nz) the derivative of states where lanes end by where they begin; None: as if they forgot it.
+    starts : (L, nz) initial guesses of the lanes' initial states; overwritten.
+    ends : (L, nz, nz) derivative of the lanes' final states by their initial states; None takes it as zero.
     lanes : in the order in which they continue one another.
-    simulate : starts, what a pass before gave -> states at `marks`, readings.
+    simulate : (starts, result of the previous pass) -> states at `marks`, readings.
 
     Returns
     -------
-    States where lanes begin and readings; None where the gaps do not close.
+    Initial states of the lanes and readings; None if the gaps do not close.
     """
     scale, before, known = np.max(np.abs(starts), axis=0) + 1e-6, np.inf, None
     for _ in range(MOST_PASSES):
@@ -372,20 +370,20 @@ def chained(
     value: slice = slice(None),
     before: tuple[Array, Array] | None = None,
 ) -> Array:
-    """Derivative of lanes' beginnings by the moving parameters and their intervals' free starts, (L, nz, q).
+    """Derivative of the lanes' initial states by the free parameters and their intervals' free starts, (L, nz, q).
 
     Parameters
     ----------
     lanes : in the order in which they continue one another.
-    ends : (L, nz, nz + moving) derivative of their ends by their beginnings and by the parameters.
-    starts_by_p : (intervals, nz, moving) derivative of where intervals start.
-    loose : states that start freely.
-    value : the lanes in question, where they are not all; ends are theirs.
-    before : what this is for the lane before the first of them, and its ends; None where that begins an interval.
+    ends : (L, nz, nz + moving) derivative of the final states by the initial states and by the free parameters.
+    starts_by_p : (intervals, nz, moving) derivative of the intervals' starts by the free parameters.
+    loose : states with a free start.
+    value : slice of lanes to treat, for which `ends` is given.
+    before : result and ends of the lane before the first of them; None if that one begins an interval.
     """
     size, moving, first = ends.shape[1], starts_by_p.shape[2], lanes.first[value]
     G = np.zeros((len(first), size, moving + len(loose)))
-    order = np.cumsum(lanes.first) - 1  # lanes that begin an interval, or a run of pieces, come as those do
+    order = np.cumsum(lanes.first) - 1  # the interval of each lane, in the order of starts_by_p
     G[first, :, :moving] = starts_by_p[order[value][first]]
     G[:, loose, moving + np.arange(len(loose))] = first[:, None]
     for lane in np.flatnonzero(~first):
@@ -396,18 +394,18 @@ def chained(
 
 
 CRAWLING = 0.1
-"""Where equations hold in less than this share of an output's readings, the recording is of nothing else: all count."""
+"""Share of an output's readings: if equations hold in fewer, the recording has little else, and all readings count."""
 
 
 @dataclass(frozen=True)
 class Targets:
-    """Readings of all rows of all intervals, one interval after the other.
+    """Readings of all rows of all intervals, concatenated.
 
     Attributes
     ----------
-    reading : (N, outputs), zero where there is none.
-    weight : (N, outputs) square root of how much each counts, over its standard deviation; zero where there is none.
-    robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
+    reading : (N, outputs), zero where missing.
+    weight : (N, outputs) root of each reading's weight, over its standard deviation; zero where missing.
+    robust : Huber threshold in standard deviations, beyond which residuals count linearly; None: least squares.
     """
 
     reading: Array
@@ -415,7 +413,7 @@ class Targets:
     robust: float | None
 
     def errors(self, y: Array, taken: Mask) -> Array:
-        """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
+        """(N, outputs) prediction minus reading, in the outputs' units; NaN where missing."""
         result = y - self.reading
         result[~((self.weight > 0) & taken)] = np.nan
         return result
@@ -429,16 +427,16 @@ def targets(
     keep: Sequence[Array | Mask] | None = None,
     reading: Array | None = None,
 ) -> Targets:
-    """What the intervals' predictions are held against.
+    """Targets of the intervals' predictions.
 
     Parameters
     ----------
     runs : the recordings' runs.
-    intervals : what is predicted.
-    noise : (outputs,) standard deviation that one residual counts as.
-    robust : as of `Targets`.
-    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
-    reading : as of `Targets`, where it is known for these intervals.
+    intervals : the predicted intervals.
+    noise : (outputs,) standard deviation by which residuals are divided.
+    robust : as in `Targets`.
+    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 drops it; None weights all with 1.
+    reading : as in `Targets`, if known for these intervals.
     """
     measured = _rows([run.measured for run in runs], intervals)
     read = np.isfinite(measured)
@@ -450,7 +448,7 @@ def targets(
 
 
 def _rows(tables: Sequence[Array], intervals: Sequence[Interval]) -> Array:
-    """Rows of all intervals, one interval after the other, of each run's table."""
+    """Rows of all intervals, concatenated, from each run's table."""
     if len(tables) > 1 or len(intervals) == 1:
         return _joined([tables[i.run][i.start : i.stop] for i in intervals])
     start, stop = (np.array([getattr(i, name) for i in intervals]) for name in ("start", "stop"))
@@ -460,7 +458,7 @@ def _rows(tables: Sequence[Array], intervals: Sequence[Interval]) -> Array:
 
 
 def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Mask]:
-    """Per run, (n, outputs): whether the model's equations hold, or the signal that tells is not read."""
+    """Per run, (n, outputs): whether the model's equations hold, or the signal that decides is missing."""
     result = [np.ones(run.measured.shape, dtype=bool) for run in runs]
     for item in model.validity:
         holds = []

@@ -1,13 +1,13 @@
-"""Segments: the stretches of a run between any two instants at which a command changes or something is read.
+"""Segments: the stretches of a run between successive instants at which a command changes or an output is read.
 
-Delays and latencies move such instants, and segments' lengths with them: a delay of 3.7 samples is a segment of 0.7 of
-a sample, not an interpolation. Every instant is a row's time, moved by at most one shift, so that how segments move
-with shifts is a matter of plus and minus ones.
+Delays and latencies shift such instants, and with them the segments' lengths: a delay of 3.7 samples gives a segment of
+0.7 of a sample, not an interpolation. Every instant is a row's time plus or minus at most one shift, so that the
+derivatives of segments by shifts are sums of plus and minus ones.
 
-How long a segment may be follows from the vehicle's fastest motion: a Runge-Kutta step that is longer is unstable or
+The longest permitted segment follows from the vehicle's fastest motion: a longer Runge-Kutta step is unstable or
 inaccurate.
 
-A recording's unbroken runs as a motion model sees them: inputs, readings, and where a prediction can start.
+`MotionRun` is an unbroken run of a recording for a motion model: inputs, readings, and rows at which predictions start.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ...models.motion_model import MotionModel
 from .trace import MotionTrace
 
 FEWEST_ROWS = 3
-"""Shorter runs say nothing about motion."""
+"""Shorter runs carry no information about motion."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +36,13 @@ class MotionRun:
 
     Attributes
     ----------
-    name : of its recording.
+    name : name of the recording.
     time : (n,) s.
     inputs : (n, inputs) as recorded.
-    held : (inputs,) whether an input is held between rows; else it runs straight to the next row.
-    measured : (n, outputs) readings, NaN where there is none.
-    rows : rows of the recording that the n samples are.
-    number : of the recording's runs the one that they are in, from 1.
+    held : (inputs,) whether an input is constant between rows (zero-order hold); else it is interpolated linearly.
+    measured : (n, outputs) readings, NaN where missing.
+    rows : the recording's rows of the n samples.
+    number : number of the recording's run that contains them, from 1.
     """
 
     name: str
@@ -58,16 +58,16 @@ class MotionRun:
 
     @cached_property
     def sample_time(self) -> float:
-        """Usual step, s."""
+        """Median time between rows, s."""
         return float(np.median(np.diff(self.time)))
 
     @cached_property
     def is_read(self) -> Mask:
-        """(outputs,) whether an output has a reading somewhere in this run."""
+        """(outputs,) whether an output has any reading in this run."""
         return np.asarray(np.any(np.isfinite(self.measured), axis=0))
 
     def states_read(self, model: MotionModel) -> tuple[str, ...]:
-        """States of the model that have a reading somewhere in this run."""
+        """States of the model with any reading in this run."""
         return tuple(
             state.name
             for state in model.states
@@ -75,7 +75,7 @@ class MotionRun:
         )
 
     def starts(self, measured: Sequence[int], index: Index) -> Index:
-        """Rows near those wanted at which so many outputs have a reading: the wanted one or the next that has."""
+        """The rows of `index`, each moved on to the next row in which all outputs in `measured` have a reading."""
         good = np.flatnonzero(np.all(np.isfinite(self.measured[:, list(measured)]), axis=1))
         if len(good) == 0:
             return np.empty(0, dtype=np.intp)
@@ -84,13 +84,13 @@ class MotionRun:
 
 
 def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = False) -> list[MotionRun]:
-    """The runs of a recording in which every input is there.
+    """The runs of a recording in which every input is finite.
 
     Parameters
     ----------
     model : the model.
     recording : the recording.
-    unread : whether a recording of inputs alone will do.
+    unread : whether a recording without outputs is accepted.
 
     Raises
     ------
@@ -126,14 +126,14 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
 
 
 def recorded_outputs(model: MotionModel, recording: Recording) -> tuple[str, ...]:
-    """Outputs of the model that the recording holds."""
+    """Outputs of the model that the recording contains."""
     return tuple(name for name in model.outputs if recording.has(name))
 
 
 def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str, str]:
-    """Of inputs that any of several signals may be, the one that recordings hold.
+    """For inputs that may be any of several signals, the signal that the recordings contain.
 
-    Raises `BadInput` where recordings hold different ones: parameters cannot be per newton and per ampere.
+    Raises `BadInput` if recordings contain different ones: parameters cannot be per newton and per ampere.
     """
     result: dict[str, str] = {}
     for name in model.aliases:
@@ -150,7 +150,7 @@ def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str
 
 
 def _signal(model: MotionModel, recording: Recording, name: str) -> str:
-    """The signal of a recording that is the input; empty if there is none."""
+    """The recording's signal for an input; empty if there is none."""
     return next((signal for signal in model.aliases.get(name, (name,)) if signal in recording), "")
 
 
@@ -170,7 +170,7 @@ def _stretches(good: Mask) -> list[tuple[int, int]]:
 
 
 AT_ONCE = 1e-9
-"""Instants no further apart than this, s, are one: sums of times and shifts are rounded."""
+"""Largest difference of instants, s, that count as one: sums of times and shifts are rounded."""
 
 
 @dataclass(frozen=True)
@@ -181,8 +181,8 @@ class Schedule:
     ----------
     segments : (S, segment size) data of each segment.
     row_segment : (n,) segment that starts at a row, just after its commands were applied.
-    read_segment : (n, outputs) segment at whose start a row's reading of an output was taken; -1 before the run began.
-    reads : (S,) whether anything is read at a segment's start.
+    read_segment : (n, outputs) segment at whose start a row's output was read; -1 before the run began.
+    reads : (S,) whether any output is read at a segment's start.
     """
 
     segments: Array
@@ -192,14 +192,14 @@ class Schedule:
 
     @cached_property
     def taken(self) -> Index:
-        """(n * outputs,) where the reading of each row stands among all that are taken, -1 where none is."""
+        """(n * outputs,) index of each row's reading among all readings taken, -1 where none was."""
         outputs = self.read_segment.shape[1]
         rank = (np.cumsum(self.reads) - 1)[np.maximum(self.read_segment, 0)]
         return np.asarray(np.where(self.read_segment >= 0, rank * outputs + np.arange(outputs), -1).ravel())
 
     @cached_property
     def complete(self) -> bool:
-        """Whether every reading is taken."""
+        """Whether every reading was taken."""
         return bool(np.all(self.taken >= 0))
 
 
@@ -211,17 +211,17 @@ def schedule(
     moving: Sequence[bool] | None = None,
     read: NDArray[np.bool_] | None = None,
 ) -> Schedule:
-    """Lay a run out in segments.
+    """Divide a run into segments.
 
     Parameters
     ----------
     trace : the model.
     run : the run.
-    shifts : the delays' and latencies' values, s.
-    longest : no segment is longer than this, s; one number, or (n,) from each row to the next.
-    moving : which shifts are differentiated by; the others, where they are zero, cut nothing, and where their readings
-        are late at instants that are there already, nothing there. None: all of them.
-    read : (n,) rows at which something may be read late; at the others latencies cut nothing. None: all of them.
+    shifts : values of the delays and latencies, s.
+    longest : longest permitted segment, s; one number, or (n,) from each row to the next.
+    moving : shifts to differentiate by, None: all. The others make no cuts if they are zero, or where late readings
+        coincide with an existing instant.
+    read : (n,) rows in which an output may be read late; in others latencies make no cuts. None: all rows.
     """
     rows, delays = len(run), len(trace.delayed)
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
@@ -233,7 +233,7 @@ def schedule(
     late_rows = every if read is None else np.flatnonzero(read)
     late = [run.time[late_rows] - shifts[k] for k in cuts if k >= delays]
     delayed = [run.time + shifts[k] for k in cuts if k < delays]
-    # At the same instant: delayed commands arrive first, then rows' own, then late readings are taken.
+    # At equal instants: delayed commands arrive first, then the rows' own commands, then late readings are taken.
     first_late = sum(k < delays for k in cuts)
     kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
     times = [*delayed, run.time, *late, *within]
@@ -248,11 +248,11 @@ def schedule(
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)
     fixed = [k for k in cuts if k >= delays and moving is not None and not moving[k]]
-    same = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(kind, fixed)  # read with what is there already
+    same = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(kind, fixed)  # no new segment: the instant exists
     taker, late_kind, late_row = np.cumsum(~same) - 1, kind, row
     if np.any(same):
         instant, kind, row = (values[~same] for values in (instant, kind, row))
-    del steps, every, order  # of hours, each is large
+    del steps, every, order  # each is large for hours of data
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
@@ -281,18 +281,18 @@ def schedule(
         taken[:, column] = -1
         taken[late_row[value], column] = taker[value]
     reads = np.zeros(len(kind), dtype=bool)
-    for column in taken.T:  # one after the other: of hours, a copy of all is large
+    for column in taken.T:  # column by column: a copy of all is large for hours of data
         reads[column[column >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)
 
 
 def segments_of_rows(run: MotionRun, longest: float | Array) -> NDArray[np.intp]:
-    """Segments that each row is cut into, that none be longer than this, s."""
+    """Number of segments per row such that none is longer than `longest`, s."""
     return np.maximum(1, np.ceil(run.sample_time / np.asarray(longest) - 1e-9).astype(np.intp))
 
 
 def _in_time(instant: Array, rank: Index) -> Index:
-    """The order of instants; those at once in that of their ranks."""
+    """The order of instants; equal ones in the order of their ranks."""
     order = np.argsort(instant, kind="stable")
     apart, ranks = np.diff(instant[order]) > AT_ONCE, rank[order]
     if np.all(apart | (ranks[1:] >= ranks[:-1])):
@@ -305,13 +305,13 @@ def _commands(
     trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array, cuts: Sequence[int],
     to: Array,
 ) -> None:  # fmt: skip
-    """Value, and after all values slope, of every input at every segment's start, into the first columns of `to`."""
+    """Value, and then slope, of every input at every segment's start, written into the first columns of `to`."""
     steps, inputs = np.append(np.diff(run.time), 1.0), run.inputs.shape[1]
     for k, name in enumerate(trace.model.inputs):
         source = trace.delayed.index(name) if name in trace.delayed else -1
         source = source if source in cuts else -1
         shift = shifts[source] if source >= 0 else 0.0
-        before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # had arrived when the run began
+        before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # last command to arrive by the start
         current = np.maximum.accumulate(np.where(kind == source, row, before))
         known = np.maximum(current, 0)
         to[:, k], to[:, inputs + k] = run.inputs[known, k], 0.0
@@ -322,24 +322,26 @@ def _commands(
 
 
 ACCURATE, STABLE = 1.0, 2.3
-"""Largest product of step and eigenvalue: where the classical method is accurate to a few per mille, and where it is
-stable (it is up to 2.78). The first is kept to in 95 % of the rows, the second in all of them."""
+"""Largest products of step and eigenvalue: below the first, the classical method is accurate to a few per mille, below
+the second it is stable (the limit is 2.78). The first holds in 95 % of the rows, the second in all."""
 MOST_STEPS, SHORTEST = 40, 2.5e-4
-"""Steps per row at most, unless they would be longer than so many seconds: a vehicle that stands still is stiff, and
-uninteresting, but it must not be unstable. Rows at 25 Hz in 40 steps of 1 ms were, at the stiffness of a racing car,
-and no parameter of it could be found."""
+"""Largest number of steps per row, unless they would be longer than SHORTEST, s: a standing vehicle is stiff, and
+uninteresting, but must not be unstable. Rows at 25 Hz in 40 steps of 1 ms were unstable at the stiffness of a racing
+car, and none of its parameters could be estimated."""
 MOST_STEPS_OF_SLOW = 400
-"""Steps per row at most, however far apart rows are."""
+"""Largest number of steps per row, however long rows are."""
 SAMPLED_ROWS = 200
+"""Rows at which eigenvalues are computed to find one step for all rows."""
 FEW, ABOUT = 3.0, 0.5
-"""Steps per row up to which all rows have as many; elsewhere a row has those of the stiffest within so many seconds,
-for a simulation is not exactly where readings are."""
+"""Steps per row up to which all rows have equally many; beyond, each row gets the steps of the stiffest row within
+ABOUT seconds, since a simulated state is not exactly the measured one."""
 UNLIMITED = 1e10
+"""Finite value in place of an infinite parameter, which means no limit at all."""
 """Stands for parameters that mean no limit at all."""
 
 
 def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> float:
-    """The longest segment, s, for these runs at these parameters."""
+    """The longest permitted segment, s, for these runs at these parameters."""
     shortest = min(run.sample_time for run in runs)
     sampled = [np.unique(np.linspace(0, len(run) - 1, max(3, SAMPLED_ROWS // len(runs))).astype(int)) for run in runs]
     known = [_fastest(trace, run, rows, p) for run, rows in zip(runs, sampled, strict=True)]
@@ -351,10 +353,10 @@ def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> 
 
 
 def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> list[Array]:
-    """The longest segment, s, from each row of each run to the next, (n,) each.
+    """The longest permitted segment, s, from each row of each run to the next, (n,) each.
 
-    A vehicle that stands is stiff: what it needs there, it does not need at speed. The same as `longest_segment`
-    everywhere where that cuts no row into more than a few.
+    A standing vehicle is stiff, and the segments that it needs are not needed at speed. Equals `longest_segment`
+    everywhere if that makes only a few segments per row.
     """
     usual = longest_segment(trace, runs, p)
     if min(run.sample_time for run in runs) <= FEW * usual:
@@ -370,7 +372,7 @@ def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) ->
 
 
 def _fastest(trace: MotionTrace, run: MotionRun, rows: Index, p: Array) -> Array:
-    """(rows,) the largest eigenvalue of the motion at rows, 1/s; NaN where it cannot be told."""
+    """(rows,) the largest eigenvalue of the motion at rows, 1/s; NaN where it is unknown."""
     result = np.full(len(rows), np.nan)
     state = _between_readings(trace, run, rows)
     if not trace.names or not np.any(np.isfinite(state)):
@@ -385,12 +387,12 @@ def _fastest(trace: MotionTrace, run: MotionRun, rows: Index, p: Array) -> Array
 
 
 def least_segment(sample_time: float) -> float:
-    """The shortest segment that rows this far apart are ever cut into, s."""
+    """Lower limit of segments' lengths for rows of this sample time, s."""
     return min(sample_time / MOST_STEPS, max(SHORTEST, sample_time / MOST_STEPS_OF_SLOW))
 
 
 def _between_readings(trace: MotionTrace, run: MotionRun, rows: Index) -> Array:
-    """States at rows, (rows, nz), straight between readings: a sensor that reads rarely is not at zero meanwhile."""
+    """States at rows, (rows, nz), interpolated between readings, so that a slow sensor does not read zero meanwhile."""
     state = np.full((len(rows), trace.size), np.nan)
     for k, name in enumerate(trace.names):
         if name in trace.model.outputs:

@@ -1,12 +1,12 @@
-"""The least-squares problem of fitting a motion model: multiple shooting, the nodes eliminated.
+"""The least-squares problem of fitting a motion model: multiple shooting with the nodes eliminated.
 
-A run is predicted in intervals. Each starts from the readings of its first row, taken back through the sensors; where
-the start is free, it may deviate from them. Over the whole run (no horizon) that is output error: one interval, cut
-only so that its pieces can be linearised side by side. With a horizon it is multi-step prediction: every interval
-starts afresh from readings; actuators, and what nothing reads, carry on (`simulator`).
+A run is predicted in intervals. Each starts from the readings of its first row, inverted through the sensors; a free
+start may deviate from them. Without a horizon the whole run is one interval (output error), cut only so that its pieces
+can be linearised side by side. With a horizon the problem is multi-step prediction: every interval starts again from
+readings, while actuators and unmeasured states continue (`simulator`).
 
-The states at cuts follow by simulation; their derivatives follow from piece to piece by the chain rule (lanes.py). What
-is left is a dense problem in the parameters and the free starts.
+States at cuts follow by simulation; their derivatives follow from piece to piece by the chain rule (lanes.py). The
+result is a dense problem in the parameters and the free starts.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from .simulator import IntervalStarts, Simulator
 from .unknowns import Unknowns, lay_out_unknowns
 
 LANES = 16
-"""Lanes that a single long run is cut into: two blocks of the eight that compiled code integrates at once, one for each
-thread; eight where one thread does all, as longer lanes forget more of where they began."""
+"""Lanes that a single long run is cut into: two vectors of eight, one for each thread; eight lanes for a single thread,
+since longer lanes forget more of their initial states."""
 LANE = 2000
-"""Segments of a lane of a recording of hours: what `LANES` of them are linearised in takes some 10 MB."""
+"""Segments per lane for recordings of hours: linearising `LANES` of them takes some 10 MB."""
 MOST_SEGMENTS = 600_000
-"""Segments that one call simulates where many points are simulated at once: some 50 MB of them."""
+"""Segments per call when many points are simulated at once: some 50 MB."""
 Starts = Literal["free", "measured"]
 
 
@@ -46,11 +46,11 @@ class SimulatedRuns:
 
     Attributes
     ----------
-    lanes : their layout, at the shifts' values.
-    cut : the same cut for linearising.
-    starts : (lanes of cut, nz) states where they begin.
-    along : those of the two that were simulated.
-    read : (L, R, outputs) what these read.
+    lanes : the intervals as lanes, at the shifts' values.
+    cut : the same, cut into more lanes for linearising.
+    starts : (lanes of cut, nz) their initial states.
+    along : the one of `lanes` and `cut` that was simulated.
+    read : (L, R, outputs) readings of its lanes.
     """
 
     lanes: Lanes
@@ -71,26 +71,26 @@ class SimulatedRuns:
 
 
 class MotionProblem:
-    """Fit a motion model to recordings.
+    """Least-squares problem of fitting a motion model to recordings.
 
     Parameters
     ----------
     simulator : the model.
-    recordings : what to fit it to.
-    noise : (outputs,) standard deviation that one residual counts as, in each output's unit.
+    recordings : training data.
+    noise : (outputs,) standard deviation by which residuals are divided, in each output's unit.
     horizon : s predicted from one start; None for whole runs.
-    most_rows : of a horizon, about so many rows of all runs, in intervals spread evenly; None takes every one.
-    starts : "free" lets the start of every interval deviate from its readings; "measured" takes them as they are.
-    strengths : how much stronger than stated each group of priors is taken.
-    robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
-    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
-    about : (parameters,) near what will be found: how long segments may be, and where what nothing reads is when a
-        horizon starts, is settled there once; None takes the model's values.
-    like : a problem of the same simulator and recordings: what is the same in both is laid out once.
+    most_rows : with a horizon, the approximate number of rows to use of all runs, in evenly spread intervals; or None.
+    starts : "free" lets the start of every interval deviate from its readings; "measured" fixes it to them.
+    strengths : factor by which each group of priors is tightened beyond its stated strength.
+    robust : Huber threshold in standard deviations, beyond which residuals count linearly; None for least squares.
+    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 drops it; None weights all with 1.
+    about : (parameters,) near the expected estimates; the longest segment, and the unmeasured states at the starts of a
+        horizon, are computed there once; None takes the model's values.
+    like : a problem of the same simulator and recordings, whose layouts are reused where they are the same.
 
     Attributes
     ----------
-    parameters, loose, layout, bounds, free, R, r : of the unknowns, as of `Unknowns`.
+    parameters, loose, layout, bounds, free, R, r : of the unknowns, as in `Unknowns`.
     """
 
     def __init__(
@@ -143,7 +143,7 @@ class MotionProblem:
         self._laid: list[tuple[Lanes, Targets, Against]] = []
 
     def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
-        """The same problem with other weights of rows or readings; all that was laid out is shared."""
+        """The same problem with other weights of rows or readings; all layouts are shared."""
         other = copy(self)
         other.targets = self._targets(self.targets.robust, keep, self.targets.reading)
         return other
@@ -157,28 +157,28 @@ class MotionProblem:
         return other
 
     def forget(self) -> None:
-        """Let go of layouts of all rows; they are made again where they are needed."""
+        """Release layouts of all rows; they are made again when needed."""
         self._plans = self._chain = self._tiled = None
         self._lanes, self._laid = [], []
         self._interval_starts.forget()
 
     def forget_targets(self) -> None:
-        """Let go of what lanes are held against, laid out like them; it is laid out again where it is needed."""
+        """Release the targets arranged by lanes; they are made again when needed."""
         self._laid = []
 
     @property
     def carries(self) -> bool:
-        """Whether starts hold what an observer carried there, settled where the problem was stated."""
+        """Whether starts contain unmeasured states from an observer, computed when the problem was set up."""
         return self._interval_starts.carries
 
     @property
     def target(self) -> Array:
-        """(N, outputs) readings to be met, zero where there is none."""
+        """(N, outputs) target readings, zero where missing."""
         return self.targets.reading
 
     @property
     def weight(self) -> Array:
-        """(N, outputs) what residuals are multiplied with, zero where there is none."""
+        """(N, outputs) factor on residuals, zero where missing."""
         return self.targets.weight
 
     @property
@@ -187,7 +187,7 @@ class MotionProblem:
         return self.unknowns(self.model.values)
 
     def unknowns(self, p: Array) -> Array:
-        """All unknowns from one vector of model parameters: alike in all runs, starts at their readings."""
+        """All unknowns from one vector of model parameters: the same in all runs, starts at their readings."""
         x = np.zeros(self.layout.size)
         for index in self.parameters.index:
             x[index] = p
@@ -197,7 +197,7 @@ class MotionProblem:
         """One vector of model parameters for new runs: run-scoped ones at the mean over runs."""
         low, high = (bound[self.parameters.index[0]] for bound in self.bounds)
         mean = np.mean([x[index] for index in self.parameters.index], axis=0)
-        return np.asarray(np.clip(mean, low, high))  # of equal numbers at a bound it may lie beyond by rounding
+        return np.asarray(np.clip(mean, low, high))  # rounding may put the mean of values at a bound beyond it
 
     def per_run(self, x: Array) -> Array:
         """(runs, parameters) the parameters of each run."""
@@ -208,7 +208,7 @@ class MotionProblem:
         return np.asarray(self.per_run(x)[self._run])
 
     def simulated_nodes(self, x: Array) -> SimulatedRuns:
-        """A simulation of every interval: of all its lanes at once where the gaps between them close."""
+        """A simulation of every interval: of all its lanes at once if the gaps between them close."""
         lanes, cut = self.lanes(x)
         p, kernel = self.of_intervals(x), self.simulator.kernel
         z0, _ = self.starts(x)
@@ -228,8 +228,8 @@ class MotionProblem:
     def predicted_readings(self, x: Array) -> Array:
         """Predicted readings at many points at once: (points, unknowns) -> (points, N, outputs).
 
-        Where every point has the same segments (no delay or latency differs), all intervals of all points are lanes of
-        one call; else one point is simulated after the other. NaN where no reading was taken.
+        If every point has the same segments (no delay or latency differs), all intervals of all points are lanes of
+        one call; otherwise points are simulated one after the other. NaN where no reading was taken.
         """
         alike = True
         if self.trace.shift_count:
@@ -248,7 +248,7 @@ class MotionProblem:
             if len(self.loose):
                 z0[:, :, self.loose] += value[:, self.parameters.size :].reshape(len(value), count, -1)
             p = per_run[:, self._run]
-            if len(value) == 1:  # perhaps of hours: no second copy
+            if len(value) == 1:  # no second copy of what may be hours of data
                 self._tiled = (lanes, lanes.segments)
             elif self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
                 self._tiled = (lanes, np.tile(lanes.segments, (len(value), 1, 1)))
@@ -258,7 +258,7 @@ class MotionProblem:
             read = y.reshape(len(value), -1)
             read = (read if lanes.in_order else read[:, lanes.flat]).reshape(len(value), *self.target.shape)
             read = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
-            if len(x) <= at_once:  # perhaps of hours: no second copy
+            if len(x) <= at_once:  # no second copy of what may be hours of data
                 return read
             result[first : first + at_once] = read
         return result
@@ -274,14 +274,14 @@ class MotionProblem:
         return self.against(nodes.along).misfit(nodes.read)
 
     def errors(self, nodes: SimulatedRuns) -> Array:
-        """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
+        """(N, outputs) prediction minus reading, in the outputs' units; NaN where missing."""
         return self.targets.errors(nodes.y, nodes.taken)
 
     def normal_equations(self, x: Array, nodes: SimulatedRuns) -> NormalEquations:
-        """Linearise everything about a simulated point."""
+        """Linearise all residuals at a simulated point."""
         H, g = self.believed.copy(), self.pull_of_priors(x)
         cut, index = nodes.cut, self._moving_index[nodes.cut.interval]
-        with np.errstate(over="ignore", invalid="ignore"):  # far off, derivatives leave the range of numbers first
+        with np.errstate(over="ignore", invalid="ignore"):  # far off, derivatives overflow first
             T, inner, pull = self._accumulated(x, nodes)
             if T is not None:
                 inner, pull = T.swapaxes(1, 2) @ inner @ T, (pull[:, None] @ T)[:, 0]
@@ -289,7 +289,7 @@ class MotionProblem:
 
         def pulled(x_there: Array, there: SimulatedRuns) -> Array:
             e, _ = self.against(there.along).weighted(there.read)
-            e = e if there.along is cut else there.along.gathered(e, 0.0)  # in turn: of hours, each is large
+            e = e if there.along is cut else there.along.gathered(e, 0.0)  # in two steps: each array may be large
             e = e if there.along is cut else cut.scattered(e)
             _, _, pull = self._accumulated(x, nodes, e)
             result = self.pull_of_priors(x_there)
@@ -301,8 +301,8 @@ class MotionProblem:
     def residuals(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[Array, Array]]:
         """Per interval, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
 
-        p are the interval's unknowns as the layout lists them; by held ones the derivative is zero. What was not read
-        counts as zero. Rows are those of which the interval predicts a reading: late ones reach into the next.
+        p are the interval's unknowns in the layout's order; for fixed ones the derivative is zero. Missing readings
+        have zero residuals. Rows are those for which the interval predicts a reading: late ones reach into the next.
         """
         cut, against = nodes.cut, self.against(nodes.along)
         J = cut.gathered(np.concatenate([item for _, item in self._linearised(x, nodes)]), 0.0)
@@ -315,17 +315,17 @@ class MotionProblem:
             yield np.where(value[:, :, 0], e[rows], 0.0), full
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
-        """Per interval, which of the N rows it predicts readings of."""
+        """Per interval, those of the N rows of which it predicts a reading."""
         (order, edges), outputs = nodes.cut.by_owner, nodes.cut.lane.shape[1]
         for first, last in zip(edges[:-1], edges[1:], strict=True):
             together = np.arange(first // outputs, -(-last // outputs))[: last - first]
             yield together if order is None else np.unique(order[first:last] // outputs)
 
     def parts(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[int, int, Array, Array]]:
-        """Interval, row in it where a part begins, and the part's residuals and derivatives as of `residuals`.
+        """Interval, first row of a part in it, and the part's residuals and derivatives as in `residuals`.
 
-        Intervals cut into many lanes come so many lanes at a time: what is linearised of a day then takes no more
-        memory than of an hour. A row read in two lanes is in two parts, zero where the other one has it.
+        Intervals with many lanes come `LANES` at a time: linearising a day then takes no more memory than an hour. A
+        row read in two lanes is in two parts, each zero where the other has the reading.
         """
         cut = nodes.cut
         if len(cut.interval) <= LANES or cut is nodes.lanes:
@@ -353,11 +353,11 @@ class MotionProblem:
         return np.asarray(self.R @ x - self.r) if len(self.r) else np.zeros(0)
 
     def pull_of_priors(self, x: Array) -> Array:
-        """Gradient of what the priors add to the objective."""
+        """Gradient of the priors' part of the objective."""
         return np.asarray(self.R.T @ self.prior_residuals(x)) if len(self.r) else np.zeros(len(x))
 
     def lanes(self, x: Array) -> tuple[Lanes, Lanes]:
-        """Intervals as lanes, whole and cut; laid out anew when a delay moved."""
+        """Intervals as lanes, whole and cut; laid out again when a delay changes."""
         plans, lanes = self._whole(x)
         if len(self._lanes) == 1:
             items, count, segments = self.intervals, len(self.intervals), lanes.segments.shape[1]
@@ -367,7 +367,7 @@ class MotionProblem:
         return lanes, self._lanes[1]
 
     def _whole(self, x: Array) -> tuple[list[Schedule], Lanes]:
-        """Segments of runs, and intervals as lanes that are not cut."""
+        """Schedules of the runs, and intervals as uncut lanes."""
         if self._plans is None or self.trace.shift_count:
             shifts = np.array([self.simulator.shifts(p) for p in self.per_run(x)])
             if self._plans is None or not np.array_equal(self._plans[0], shifts):
@@ -384,17 +384,17 @@ class MotionProblem:
         return z, by_p
 
     def _where_valid(self) -> list[Mask]:
-        """Per run, (n, outputs) whether a reading counts: where the equations hold, and where an interval starts."""
+        """Per run, (n, outputs): readings that count, where the equations hold or an interval starts."""
         result = where_valid(self.model, self.runs)
         states = [
             self.model.outputs.index(state.name) for state in self.model.states if state.name in self.model.outputs
         ]
-        for k, valid in enumerate(result):  # readings that starts deviate from hold them: nothing else may
+        for k, valid in enumerate(result):  # readings at starts always count: nothing else determines a free start
             valid[np.ix_([interval.start for interval in self.intervals if interval.run == k], states)] = True
         return result
 
     def _targets(self, robust: float | None, keep: Sequence[Array] | None, reading: Array | None) -> Targets:
-        """Readings that are kept, of rows in which the model's equations hold."""
+        """Targets from kept readings in rows in which the model's equations hold."""
         kept: Sequence[Array | Mask] = self._valid
         if keep is not None:
             wide = (np.asarray(item, dtype=float).reshape(len(item), -1) for item in keep)
@@ -402,14 +402,14 @@ class MotionProblem:
         return targets(self.runs, self.intervals, self.noise, robust, kept, reading)
 
     def _steps(self) -> list[int]:
-        """Segments of a row, run by run: all that schedules take from how long segments may be."""
+        """Segments per row, run by run: the only influence of the longest segment on schedules."""
         return [int(segments_of_rows(run, self.longest)) for run in self.runs]
 
     def _scheduled(self, shifts: Array) -> list[Schedule]:
         return [schedule(self.trace, run, shift, self.longest) for run, shift in zip(self.runs, shifts, strict=True)]
 
     def _intervals(self, k: int, run: MotionRun, every: int) -> list[Interval]:
-        """Every so many of a run's stretches of the horizon, each from where every state that is read has a reading."""
+        """Every `every`-th horizon of a run, each starting in a row with readings of all measured states."""
         rows = len(run) if self.horizon is None else max(1, round(self.horizon / run.sample_time))
         channels = [self.model.outputs.index(name) for name in run.states_read(self.model)]
         starts = run.starts(channels, np.arange(0, len(run), rows))
@@ -418,16 +418,16 @@ class MotionProblem:
 
     @cached_property
     def _moving_index(self) -> Index:
-        """(intervals, q) where the moving parameters and free starts of each interval stand."""
+        """(intervals, q) indices of each interval's free parameters and free starts among all unknowns."""
         return np.asarray(self.layout.index)[:, self._chosen]
 
     @cached_property
     def _chosen(self) -> Index:
-        """(q,) where the moving parameters and free starts stand among an interval's unknowns."""
+        """(q,) indices of the free parameters and free starts among an interval's unknowns."""
         return np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
 
     def against(self, lanes: Lanes) -> Against:
-        """What the readings of lanes are held against, laid out like them; the last two are kept, of hours one."""
+        """Targets arranged by lanes; the last two are cached, for hours of data one."""
         for known, of, against in self._laid:
             if known is lanes and of is self.targets:
                 return against
@@ -440,10 +440,10 @@ class MotionProblem:
     def _accumulated(
         self, x: Array, nodes: SimulatedRuns, residuals: Array | None = None
     ) -> tuple[Array | None, Array, Array]:
-        """J'J and J'r of every lane, and the derivative of what they are by its interval's unknowns; None: these.
+        """J'J and J'r of every lane, and T, the derivative of the lane's variables by its interval's unknowns.
 
-        Intervals that are cut are linearised by where their lanes begin, which follow from piece to piece; of others
-        that is known before.
+        Lanes of cut intervals have their initial state and the free parameters as variables, since initial states
+        follow from lane to lane afterwards. Uncut ones have the unknowns themselves, and T is None.
         """
         cut, moving, loose = nodes.cut, self.moving, self.loose
         _, starts_by_p = self.starts(x)
@@ -467,7 +467,7 @@ class MotionProblem:
         return np.concatenate((G, of_parameters), axis=1), H, g
 
     def _linearised(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[slice, Array]]:
-        """Lanes, some at a time, and the derivative of their weighted residuals by what `_moving_index` names."""
+        """Slices of lanes, and the derivative of their weighted residuals by the unknowns in `_moving_index`."""
         cut, p, size, count = nodes.cut, self.of_intervals(x)[nodes.cut.interval], self.trace.size, len(self.moving)
         _, starts_by_p = self.starts(x)
         weight = self.against(cut).weighted(nodes.read if nodes.along is cut else cut.scattered(nodes.y))[1]
@@ -488,7 +488,7 @@ class MotionProblem:
 
 
 def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:
-    """Add what lanes say of their unknowns, which are of all at their index; H and g are changed."""
+    """Add the J'J and J'r of lanes to H and g, in place, at the indices of their unknowns."""
     if np.all(index == index[0]):
         g[index[0]] += np.sum(pull, axis=0)
         if H is not None and inner is not None:

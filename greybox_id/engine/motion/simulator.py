@@ -1,11 +1,8 @@
-"""A traced motion model with what integrates it, shared by problems over different recordings and horizons.
+"""A traced motion model with its kernel, shared by problems over different recordings and horizons.
 
-Predictions of a motion model over fixed horizons and in free run, each from readings of a row.
-
-States that are not recorded come from an observer: the model run along the recording with every state
-that is read set back to its reading row by row.
-
-Where intervals start: from readings, from the commands before, and what nothing reads from an observer.
+Predictions over fixed horizons and in free run start from the readings of a row. Unmeasured states come from an
+observer: the model run along the recording, with every measured state reset to its reading row by row. Actuators at the
+starts of intervals come from the commands before them.
 """
 
 from __future__ import annotations
@@ -30,10 +27,9 @@ from .schedule import MotionRun, Schedule, least_segment, longest_segment, motio
 from .traced import traced
 
 ALONE = 25
-"""What one segment of a single trajectory costs the virtual machine, in lanes: 40 us, beside 1.5 us for each lane of
-many."""
+"""Cost of a segment of a single trajectory in the virtual machine, in lanes: 40 us, against 1.5 us per lane of many."""
 AT_A_TIME = 4096
-"""Rows whose starts are worked out at a time: with derivatives by 30 parameters, some 10 MB of ten states."""
+"""Rows whose starting states are computed at a time: with derivatives by 30 parameters, some 10 MB for ten states."""
 
 
 class Simulator:
@@ -54,7 +50,7 @@ class Simulator:
         self._touched: dict[tuple[str, ...], Index] = {}
 
     def of(self, model: MotionModel) -> Simulator:
-        """The same of a model with the same equations, whose values, bounds and beliefs are others."""
+        """The same simulator for a model with the same equations but other values, bounds or priors."""
         result = copy(self)
         result.trace = self.trace.of(model)
         return result
@@ -68,15 +64,15 @@ class Simulator:
     def start(
         self, measured: tuple[str, ...], readings: Array, inputs: Array, p: Array, given: tuple[str, ...] = ()
     ) -> tuple[Array, Array]:
-        """States at starts, (n, nz), and their derivative by the parameters, (n, nz, parameters).
+        """Initial states, (n, nz), and their derivative by the parameters, (n, nz, parameters).
 
         Parameters
         ----------
-        measured : states that have a reading.
+        measured : states with a reading.
         readings : (n, measured).
         inputs : (n, inputs).
         p : (parameters,) or (n, parameters).
-        given : those of the measured states whose reading is the state itself, past all sensors.
+        given : measured states whose reading is the state itself, not a sensor's.
         """
         key = (measured, given)
         if key not in self._starts:
@@ -90,7 +86,7 @@ class Simulator:
         return result[:, : self.trace.size], result[:, self.trace.size :].reshape(len(readings), self.trace.size, -1)
 
     def start_touched(self, measured: tuple[str, ...]) -> Index:
-        """Parameters that the starting states depend on."""
+        """Parameters that the initial states depend on."""
         if measured not in self._touched:
             function = self.trace.start(measured)
             pattern = function.jac_sparsity(0, 2) if function.numel_in(2) else cs.Sparsity(function.numel_out(0), 0)
@@ -104,7 +100,7 @@ class Simulator:
         return np.array(sorted({*pattern.get_triplet()[1]}), dtype=np.intp)
 
     def _actuators(self) -> Kernel:
-        """A kernel of the actuators alone, which reads their states."""
+        """A kernel of the actuators alone, whose outputs are their states."""
         a, s, p = (cs.SX.sym(name, self.trace.actuation.numel_in(k)) for k, name in enumerate("asp"))
         return Kernel(self.trace.actuation, cs.Function("standing", [a, s, p], [a]))
 
@@ -113,9 +109,9 @@ class Simulator:
 
 
 def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> Array:
-    """(n, nz) states at every row, after the model was run along a recording and set back to every reading.
+    """(n, nz) states at every row, from running the model along a recording and resetting it to every reading.
 
-    It is set back where all states that are read at all have a reading, and begins at their first ones.
+    It is reset in rows in which all measured states have a reading, and starts from their first readings.
 
     Parameters
     ----------
@@ -132,7 +128,7 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     first = [item[np.isfinite(item)][0] for item in readings.T]
     known = np.where(complete[:, None], readings, first)
     corrected = np.empty((len(run), simulator.trace.size))
-    for first_row in range(0, len(run), AT_A_TIME):  # each row's start comes with derivatives, which nobody keeps
+    for first_row in range(0, len(run), AT_A_TIME):  # in blocks, since initial states come with unused derivatives
         rows = slice(first_row, first_row + AT_A_TIME)
         corrected[rows], _ = simulator.start(names, known[rows], run.inputs[rows], p)
     given = np.isin(np.arange(simulator.trace.size), states)
@@ -144,21 +140,21 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
 
 
 MOST_STARTS = 4000
-"""Rows predicted from, at most; beyond it every second, third ... row is."""
+"""Largest number of rows to predict from; beyond it, every second, third ... row is used."""
 HUGE = 1e6
-"""Beyond this a simulation went astray; how stiff the model is there is no guide to anything."""
+"""Size of outputs beyond which a simulation has diverged; the model's stiffness there is meaningless."""
 
 
 class Predictor:
-    """A model at given parameters laid over a recording.
+    """A model at given parameters with a recording.
 
     Parameters
     ----------
     simulator : the model.
     recording : the recording.
     p : (parameters,).
-    given : states at the starts of free runs, where they are not to be taken from readings. Recordings of inputs alone
-        will do where it is not None.
+    given : initial states of free runs that replace readings. If it is not None, a recording without outputs is
+        accepted.
     """
 
     def __init__(
@@ -169,12 +165,12 @@ class Predictor:
         self.runs = motion_runs(model, recording, unread=given is not None)
         self._read = [run.states_read(model) for run in self.runs]
         self._observed: list[Array] | None = None
-        self._seen = any(self._read) and not self._given  # readings tell how stiff the model is along the way
+        self._seen = any(self._read) and not self._given  # readings along the run tell the model's stiffness
         known = self.runs if self._seen else [self._held(run) for run in self.runs]
         self._lay_out(longest_segment(simulator.trace, known, p))
 
     def free_run(self) -> Prediction:
-        """Every run from the readings of its first row to its end."""
+        """Every run simulated from the readings of its first row to its end."""
         intervals = []
         for k, run in enumerate(self.runs):
             first = run.starts(self._channels(self._counting(k)), np.array([0]))
@@ -186,26 +182,26 @@ class Predictor:
         if not self._seen:
             edges = np.cumsum([len(item) for _, item in rows])[:-1]
             longest = self._longest_along(rows, np.split(result, edges))
-            if longest < self._longest * (1 - 1e-9):  # it went where the model is stiffer
+            if longest < self._longest * (1 - 1e-9):  # the simulation went where the model is stiffer
                 self._lay_out(longest)
                 result = self._run_freely(intervals)
         return self._collected(rows, result)
 
     def ahead(self, horizon: float, overlapping: int | None = None) -> Prediction:
-        """Rows predicted from the readings so many seconds before.
+        """Rows predicted from the readings `horizon` seconds before.
 
         Parameters
         ----------
         horizon : s.
-        overlapping : how many windows a row lies in at most; None: every row is predicted, as far as `MOST_STARTS` go.
+        overlapping : largest number of windows that a row lies in; None: every row is predicted, within `MOST_STARTS`.
         """
         (result,) = self.each_ahead([horizon], overlapping)
         return result
 
     def each_ahead(self, horizons: Sequence[float], overlapping: int | None = None) -> list[Prediction]:
-        """The same over several horizons: every start is simulated once, to the longest of them that its run holds."""
+        """`ahead` for several horizons: every start is simulated once, to the longest horizon that its run contains."""
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
-        for run in self.runs:  # what all windows together take pays for a compiler before each row is set back
+        for run in self.runs:  # the work of all windows decides on compiling before the observer runs
             self.simulator.kernel.expect(len(run) // stride * max(1, round(max(horizons) / run.sample_time)))
         chosen: list[list[tuple[int, Index]]] = [[] for _ in horizons]
         result: list[list[Array]] = [[np.empty((0, len(self.simulator.trace.model.outputs)))] for _ in horizons]
@@ -225,20 +221,20 @@ class Predictor:
         return [self._collected(rows, np.vstack(item)) for rows, item in zip(chosen, result, strict=True)]
 
     def observed(self) -> list[Array]:
-        """Per run, (n, nz) states with those that are read as read and the others as the model carries them."""
+        """Per run, (n, nz) states from the observer: measured ones at their readings, the others from the model."""
         if self._observed is None:
             pairs = zip(self.runs, self._plans, strict=True)
             self._observed = [observed(self.simulator, run, plan, self.p) for run, plan in pairs]
         return self._observed
 
     def _lay_out(self, longest: float) -> None:
-        """Segments of all runs, none longer than this, s."""
+        """Schedules of all runs, with no segment longer than `longest`, s."""
         shifts = self.simulator.shifts(self.p)
         self._longest = longest
         self._plans = [schedule(self.simulator.trace, run, shifts, longest) for run in self.runs]
 
     def _run_freely(self, intervals: Sequence[Interval]) -> Array:
-        """(rows, outputs) of all intervals, one after the other."""
+        """(rows, outputs) simulated readings of all intervals, concatenated."""
         lanes = lay(self._plans, intervals)
         z0 = np.vstack([self._start(i.run, np.array([i.start])) for i in intervals])
         with np.errstate(all="ignore"):
@@ -247,7 +243,7 @@ class Predictor:
         return np.where(lanes.lane >= 0, _astray(y)[lanes.lane, lanes.rank, np.arange(y.shape[2])], np.nan)
 
     def _held(self, run: MotionRun) -> MotionRun:
-        """A run as if its states stayed where they start: all that is known of them before it is simulated."""
+        """A run whose states stay at their initial values: nothing more is known before it is simulated."""
         outputs = self.simulator.trace.model.outputs
         first = np.nan_to_num(run.measured[0])
         for name, value in self._given.items():
@@ -256,7 +252,7 @@ class Predictor:
         return replace(run, measured=np.tile(first, (len(run), 1)))
 
     def _longest_along(self, rows: Sequence[tuple[int, Index]], simulated: Sequence[Array]) -> float:
-        """The longest segment, s, with what was simulated in the place of readings."""
+        """The longest permitted segment, s, with simulated values in place of readings."""
         along = []
         for (k, item), y in zip(rows, simulated, strict=True):
             if not np.all(np.abs(y[-1]) < HUGE):
@@ -267,7 +263,7 @@ class Predictor:
         return longest_segment(self.simulator.trace, along, self.p)
 
     def _led(self, plan: Schedule, z0: Array, begin: Index, ends: Index) -> Array:
-        """Readings at rows `ends`, (n, m), from states at rows `begin`, (n,): (n, m, outputs)."""
+        """Readings at rows `ends`, (n, m), simulated from states at rows `begin`, (n,): (n, m, outputs)."""
         first = plan.row_segment[begin]
         read = np.where(plan.read_segment[ends] >= first[:, None, None], plan.read_segment[ends], -1)
         # a latency of zero is read just after its row
@@ -276,7 +272,7 @@ class Predictor:
         beyond = np.zeros((length, plan.segments.shape[1]))
         windows = sliding_window_view(np.concatenate((plan.segments, beyond)), length, axis=0).swapaxes(1, 2)
         apart = np.diff(first)
-        even = len(apart) > 0 and apart[0] > 0 and np.all(apart == apart[0])  # then windows are where they are read
+        even = len(apart) > 0 and apart[0] > 0 and np.all(apart == apart[0])  # then a view of the windows suffices
         segments = windows[first[0] : first[-1] + 1 : apart[0]] if even else windows[first]
         rank = np.where(read >= 0, read - first[:, None, None], 0)
         reads, nothing = np.zeros(length, dtype=bool), np.zeros(length + 1, dtype=bool)
@@ -294,7 +290,7 @@ class Predictor:
         return self.simulator.start(counting + given, readings, run.inputs[rows], self.p, given)[0]
 
     def _counting(self, k: int) -> tuple[str, ...]:
-        """States of a run whose readings count: those that are not given."""
+        """Measured states of a run whose readings are used: those that are not given."""
         return tuple(name for name in self._read[k] if name not in self._given)
 
     def _channels(self, names: tuple[str, ...]) -> list[int]:
@@ -315,13 +311,13 @@ class Predictor:
 
 
 def _astray(y: Array) -> Array:
-    """Predictions in which no number stands for one beyond all bounds: NaN is left to what nobody predicted."""
+    """Predictions with NaN replaced by infinity, for diverged simulations: NaN marks missing predictions only."""
     return np.where(np.isnan(y), np.inf, y)
 
 
 @dataclass(frozen=True)
 class _Alike:
-    """Intervals of whose states the same ones are read."""
+    """Intervals with the same measured states."""
 
     names: tuple[str, ...]
     which: Index
@@ -330,17 +326,17 @@ class _Alike:
 
 
 class IntervalStarts:
-    """States at the starts of intervals, as functions of the parameters.
+    """Initial states of intervals as functions of the parameters.
 
-    Where intervals start again and again, actuators have moved since the run began, and are run through anew for
-    every set of parameters. States and lags that nothing reads come from an observer, once: they stay what they were at
-    the parameters given.
+    Actuators have moved since the run began, and are simulated from there for every set of parameters if intervals
+    start within runs. Unmeasured states and lags come from an observer, once: they remain as computed at the parameters
+    of `carry`.
 
     Parameters
     ----------
     simulator : the model.
     runs : the recordings' runs.
-    intervals : what starts.
+    intervals : the intervals.
     """
 
     def __init__(self, simulator: Simulator, runs: Sequence[MotionRun], intervals: Sequence[Interval]) -> None:
@@ -367,12 +363,12 @@ class IntervalStarts:
         self._ran: tuple[Array, Sequence[Schedule], tuple[Array, Array]] | None = None
 
     def carry(self, p: Array, plans: Callable[[], Sequence[Schedule]]) -> None:
-        """From here on, starts within a run go on from what was before.
+        """From now on, starts within a run continue actuators and unmeasured states from before.
 
         Parameters
         ----------
         p : (parameters,) of the observer.
-        plans : gives each run's segments at these parameters; called where anything is carried.
+        plans : returns each run's schedule at these parameters; called only if a state is unmeasured.
         """
         trace = self._simulator.trace
         self._actuated = self._simulator.actuators is not None
@@ -389,16 +385,16 @@ class IntervalStarts:
 
     @property
     def carries(self) -> bool:
-        """Whether anything comes from an observer."""
+        """Whether any initial state comes from an observer."""
         return self._carried is not None
 
     def __call__(self, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
-        """States at the starts, (intervals, nz), and their derivative by the parameters, (intervals, nz, parameters).
+        """Initial states, (intervals, nz), and their derivative by the parameters, (intervals, nz, parameters).
 
         Parameters
         ----------
         p : (runs, parameters) of each run.
-        plans : each run's segments.
+        plans : each run's schedule.
         """
         acting = p[:, self._touched]
         if self._last is None or not np.array_equal(self._last[0], acting):
@@ -413,16 +409,16 @@ class IntervalStarts:
         return z, by_p
 
     def forget(self) -> None:
-        """Let go of what actuators did along all rows."""
+        """Release the cached simulation of the actuators."""
         self._ran = None
 
     def of_many(self, p: Array) -> Array:
-        """States at the starts for many sets of parameters at once, (sets, intervals, nz), without derivatives.
+        """Initial states for many sets of parameters at once, (sets, intervals, nz), without derivatives.
 
         Parameters
         ----------
-        p : (sets, runs, parameters). Models with actuators that move before an interval starts are not for this: their
-            starts depend on the segments, which differ from set to set (`plain_starts`).
+        p : (sets, runs, parameters). Requires `plain_starts`: with actuators that move before an interval starts, the
+            initial states depend on the segments, which differ from set to set.
         """
         if len(p) > 1 and np.all(p[1:, :, self._touched] == p[:1, :, self._touched]):
             return np.repeat(self.of_many(p[:1]), len(p), axis=0)
@@ -442,7 +438,7 @@ class IntervalStarts:
 
     @property
     def plain_starts(self) -> bool:
-        """Whether starts depend on parameters and readings alone."""
+        """Whether initial states depend on parameters and readings alone."""
         return not self._actuated
 
     def _from_readings(self, p: Array) -> tuple[Array, Array]:
@@ -458,7 +454,7 @@ class IntervalStarts:
         return z, by_p
 
     def _run_through(self, p: Array, plans: Sequence[Schedule]) -> tuple[Array, Array]:
-        """Actuators run through from the beginning of every run."""
+        """States of the actuators at the starts and their derivatives, simulated from the beginning of every run."""
         model = self._model
         assert self._simulator.actuators is not None
         whole = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self._runs)])

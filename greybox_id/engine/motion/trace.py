@@ -1,14 +1,14 @@
-"""A motion model as CasADi functions of one segment: where it leads, what sensors read at its start.
+"""A motion model as CasADi functions of one segment: the state at its end, the sensors' readings at its start.
 
-A segment is a stretch of time over which commands are straight lines and nothing is read. It holds
-`[h, u, slope]` and, where timing is a parameter, `[h_by, begin_by, guess]`: how the segment's length and beginning move
-with each shift (delay or latency), and the shifts' values for which the segments were laid out.
+A segment is a stretch of time over which commands are linear in time and nothing is read. Its data are
+`[h, u, slope]` and, if timing is a parameter, `[h_by, begin_by, guess]`: the derivatives of the segment's length and
+beginning by each shift (delay or latency), and the shifts' values for which the segments were laid out.
 
-The state of the whole is z = [states, actuators, relaxed quantities]. Actuators are advanced exactly, states by one
-step of the classical Runge-Kutta method, relaxed quantities by an exponential formula on the same stages
-(`NamedQuantities`), so that lags much shorter than a segment, and none at all, cost nothing.
+The full state is z = [states, actuators, relaxed quantities]. Actuators are advanced exactly, states by one step of the
+classical Runge-Kutta method, relaxed quantities by an exponential formula on the same stages (`Path`), so that lags
+much shorter than a segment, or zero, add no cost.
 
-Named quantities on the way from states to derivatives: where effects take hold, and lags relax, in a model.
+Named quantities are intermediate results between states and derivatives, on which a model's effects and lags act.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ..trace import called, must_be_numbers, tracing
 from ..virtual import SampledFunction
 
 Relax = Callable[[str, Symbol, "NamedQuantities"], Symbol]
-"""(quantity, its instantaneous value, q) -> what follows it with a lag."""
+"""(quantity, its instantaneous value, q) -> the value after its lag."""
 
 
 class NothingBefore:
@@ -43,14 +43,14 @@ class NothingBefore:
 
 
 class NamedQuantities:
-    """The `q` of a model's dynamics: assigning a quantity lets its alterations act, reading gives the result.
+    """The `q` of a model's dynamics: an assigned quantity passes through its alterations and lag before it is stored.
 
     Parameters
     ----------
-    model : whose alterations act.
-    x, u, p : states, inputs and parameters; the latter two are altered here, `stated` are parameters as they were.
-    relax : what a relaxation does to an assigned quantity.
-    before : the quantities of the pass before; None in the first one, which finds them all zero.
+    model : the model with the alterations.
+    x, u, p : states, inputs and parameters; inputs and parameters are altered here, `stated` are the original ones.
+    relax : applies the lag of an assigned quantity.
+    before : the quantities of the previous pass; None in the first pass, which sees them as zero.
     """
 
     def __init__(
@@ -83,24 +83,24 @@ def _by_quantity(model: MotionModel) -> frozenset[str]:
 
 
 JUST_AFTER = 1e-5
-"""Row k's measurements are taken just after its commands, s."""
+"""Time after its commands at which a row is measured, s."""
 TINY_TIME = 1e-15
 """Added to time constants, s: the limit of no lag without a division by zero."""
 TINY_RATIO = 1e-9
-"""Added to a step over the time constant: segments that only fill up have no length."""
+"""Added to a step over the time constant: padding segments have zero length."""
 
 TimeConstants = Mapping[str, Callable[[NamedQuantities], Symbol]]
-"""Relaxed quantity -> q -> s."""
+"""Relaxed quantity -> (q -> time constant, s)."""
 
 
 def without_lag(name: str, value: Symbol, q: NamedQuantities) -> Symbol:
-    """No lag at all."""
+    """The instantaneous value: no lag at all."""
     del name, q
     return value
 
 
 def just_after(standing: Mapping[str, Symbol], time_constants: TimeConstants) -> Relax:
-    """What is seen `JUST_AFTER` the quantities stood where they are `standing`."""
+    """Values of relaxed quantities `JUST_AFTER` they were at `standing`."""
 
     def relax(name: str, value: Symbol, q: NamedQuantities) -> Symbol:
         T = time_constants[name](q) + TINY_TIME
@@ -110,7 +110,7 @@ def just_after(standing: Mapping[str, Symbol], time_constants: TimeConstants) ->
 
 
 def moves_just_after(standing: Mapping[str, Symbol], time_constants: TimeConstants, moves: dict[str, Symbol]) -> Relax:
-    """As `just_after`; by how much each quantity has moved is left in `moves`, without cancelling digits."""
+    """As `just_after`; each quantity's change is stored in `moves`, without loss of digits by cancellation."""
     seen = just_after(standing, time_constants)
 
     def relax(name: str, value: Symbol, q: NamedQuantities) -> Symbol:
@@ -121,26 +121,26 @@ def moves_just_after(standing: Mapping[str, Symbol], time_constants: TimeConstan
 
 
 def following(paths: Mapping[str, Path], stage: Callable[[Path, Symbol, NamedQuantities], Symbol]) -> Relax:
-    """What a stage of a Runge-Kutta step makes of each relaxed quantity."""
+    """Lags of relaxed quantities in one stage of a Runge-Kutta step."""
     return lambda name, value, q: stage(paths[name], value, q)
 
 
 class Path:
     """A quantity that follows its instantaneous value w with a first-order lag T, over one Runge-Kutta step.
 
-    Over a step of h seconds w runs straight, by a, from where it starts; what follows is a steady lag and a transient:
+    Over a step of h seconds w rises linearly by a; the response is a steady lag plus a transient:
 
         w - a T / h + (y - w_0 + a T / h) exp(-t / T)
 
     T may be much shorter than a step. A transient sampled at the stages alone would then weigh h / 6 instead of T, so
-    stages see the straight line of its mean and first moment in its place, as actuators do with commands. The first
-    stage does not know a yet; what it lacks the later ones make up for, so that mean and first moment over the step are
-    exact again. Where the quantity stands at the end follows from a parabola through w at the stages (Cox & Matthews,
-    J. Comput. Phys. 176 (2002), treat such exponential formulas in general).
+    stages see instead the straight line with its mean and first moment, as actuators do with commands. The first stage
+    does not know a yet; later stages compensate for that, so that mean and first moment over the step are exact again.
+    The value at the end follows from a parabola through w at the stages (Cox & Matthews, J. Comput. Phys. 176 (2002),
+    treat such exponential formulas in general).
 
     Parameters
     ----------
-    standing : where it is at the beginning.
+    standing : value at the beginning.
     time_constant : T, s.
     h : the step, s.
     """
@@ -172,7 +172,7 @@ class Path:
         return value + self._lag(value - self.w_0, 1.0) - self._lacking(value - self.w_0)
 
     def end(self, value: Symbol, q: NamedQuantities) -> Symbol:
-        """Where the quantity stands at the end."""
+        """Value of the quantity at the end of the step."""
         del q
         r = self.ratio_half
         weights = [_weight(r, power) for power in range(3)]
@@ -189,16 +189,16 @@ class Path:
         return self.h / (self.time_constant(q) + TINY_TIME) + TINY_RATIO
 
     def _lag(self, a: Symbol, share: float) -> Symbol:
-        """What the quantity differs from its instantaneous value by."""
+        """Difference between the quantity and its instantaneous value."""
         behind = a / self.ratio
         return (self.off + behind) * self._transient(share) - behind
 
     def _lacking(self, a: Symbol) -> Symbol:
-        """What the first stage lacks for not knowing a."""
+        """Error of the first stage from not knowing a."""
         return a / self.ratio * (self._transient(0.0) - 1)
 
     def _transient(self, share: float) -> Symbol:
-        """The line of the mean and first moment of exp(-t / T), at a share of the step."""
+        """Straight line with the mean and first moment of exp(-t / T), at a share of the step."""
         return self.mean + self.slope * (share - 0.5)
 
 
@@ -216,10 +216,11 @@ class MotionTrace:
     Attributes
     ----------
     model : the model.
-    size : how many numbers z has.
+    size : length of z.
+    shifts : distinct delays and latencies in use, as functions of the parameters.
     shifts : distinct delays and latencies in play, as functions of the parameters.
     step : (z, s, p) -> z at the segment's end.
-    actuation : (actuators, s, p) -> actuators at the segment's end; they know nothing of the vehicle.
+    actuation : (actuators, s, p) -> actuators at the segment's end; they do not depend on the vehicle.
     output : (z, s, p) -> outputs read at the segment's start.
     rates : (z, s, p) -> derivatives of the states just after the segment began.
     stiffness : (z, s, p) -> the derivative of the states' rates by the states, row by row.
@@ -254,11 +255,11 @@ class MotionTrace:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """What integrates it, one for all that simulate it."""
+        """The model's kernel, shared by all its simulators."""
         return Kernel(self.step, self.output)
 
     def of(self, model: MotionModel) -> MotionTrace:
-        """The same of a model with the same equations, whose values, bounds and beliefs are others."""
+        """The same trace for a model with the same equations but other values, bounds or priors."""
         result = copy(self)
         result.model = model
         return result
@@ -266,7 +267,7 @@ class MotionTrace:
     def told(self, names: Sequence[str]) -> cs.Function:
         """(z, s, p) -> states, inputs, quantities and scaled combinations by name, just after a segment began.
 
-        Raises `BadModel` for a name the model has not.
+        Raises `BadModel` for an unknown name.
         """
         z, s, p = cs.SX.sym("z", self.size), cs.SX.sym("s", self.segment_size), cs.SX.sym("p", self.model.size)
         named = parameters(self.model, p)
@@ -284,8 +285,8 @@ class MotionTrace:
     def flow(self) -> cs.Function:
         """(z, s, p) -> the derivative of z just after a segment began.
 
-        That of an actuator or a relaxed quantity is what it does in the first `JUST_AFTER`, per second: it stays finite
-        where there is no lag at all.
+        For an actuator or a relaxed quantity it is the mean rate over the first `JUST_AFTER`, which stays finite
+        without a lag.
         """
         z, s, p = cs.SX.sym("z", self.size), cs.SX.sym("s", self.segment_size), cs.SX.sym("p", self.model.size)
         named = parameters(self.model, p)
@@ -305,10 +306,10 @@ class MotionTrace:
     def start(self, measured: tuple[str, ...], given: tuple[str, ...] = ()) -> cs.Function:
         """(readings of the measured states, inputs, p) -> z at the start of a run.
 
-        Readings are taken back through the sensors by one Newton step, which is exact for biases, gains and lever
-        arms; those that are `given` are the states themselves. Sensors that see derivatives of states see none here:
-        what they see depends on the states so steeply that one reading's noise would come back amplified. What is not
-        measured starts as its `State` says, actuators at their command, relaxed quantities where they would settle.
+        Readings are inverted through the sensors by one Newton step, which is exact for biases, gains and lever
+        arms; those that are `given` are the states themselves. Sensors that depend on derivatives of states see zero
+        derivatives here: their dependence on the states is so steep that the noise of one reading would be amplified.
+        Unmeasured states start as their `State` says, actuators at their command, relaxed quantities at steady state.
         """
         if (measured, given) not in self._starts:
             self._starts[measured, given] = self._start(measured, given)
@@ -362,7 +363,7 @@ class MotionTrace:
         relax: Relax,
         q: NamedQuantities | None = None,
     ) -> tuple[list[Symbol], NamedQuantities]:
-        """Rates and quantities; from those of an instant just before, if given, once through less is enough."""
+        """Rates and quantities; with the quantities `q` of an instant just before, one pass fewer is enough."""
         model = self.model
         state, rates = SimpleNamespace(**dict(zip(self.names, x, strict=True))), {}
         for _ in range(model.passes if q is None else max(1, model.passes - 1)):
@@ -402,7 +403,7 @@ class MotionTrace:
     def _actuated(
         self, states: list[Symbol], segment: _Segment, p: Namespace
     ) -> tuple[list[Symbol], dict[str, tuple[Symbol, Symbol]]]:
-        """Actuators' states at the segment's end, and the commands as the vehicle sees them."""
+        """Actuators' states at the segment's end, and the commands after them as (begin, end) lines."""
         lines, moved, p = dict(segment.lines), [], beside_inputs(p, segment)
         for state, actuator in zip(self._standing(states), self.model.actuators, strict=True):
             after, lines[actuator.signal] = actuator.segment(state, lines[actuator.signal], p, segment.h)
@@ -410,7 +411,7 @@ class MotionTrace:
         return moved, lines
 
     def _standing(self, states: list[Symbol]) -> list[Any]:
-        """What actuators are given as their state: of those that read another one's, both."""
+        """States as passed to the actuators: its own, and for an actuator that reads another one's state, both."""
         of = {actuator.name: state for actuator, state in zip(self.model.actuators, states, strict=True)}
         return [
             (state, of[actuator.beside]) if actuator.beside else state
@@ -418,13 +419,13 @@ class MotionTrace:
         ]
 
     def _relaxing(self, relaxed: list[Symbol]) -> tuple[dict[str, Symbol], TimeConstants]:
-        """Where relaxed quantities stand, and their time constants."""
+        """Values of relaxed quantities, and their time constants."""
         all_of_them = self.model.relaxations
         standing = {item.quantity: value for item, value in zip(all_of_them, relaxed, strict=True)}
         return standing, {item.quantity: item.time_constant for item in all_of_them}
 
     def _seen(self, z: Symbol, segment: _Segment, p: Namespace) -> dict[str, Symbol]:
-        """Inputs as the vehicle sees them just after the segment began."""
+        """Inputs after their actuators, just after the segment began."""
         seen, p = {name: begin for name, (begin, _) in segment.lines.items()}, beside_inputs(p, segment)
         for state, actuator in zip(self._standing(self._split(z)[1]), self.model.actuators, strict=True):
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], p, JUST_AFTER)
@@ -456,14 +457,14 @@ class MotionTrace:
 
 
 class _Segment:
-    """A segment's length and commands as symbols, with what shifts in time do to them."""
+    """A segment's length and commands as symbols, with their derivatives by shifts in time."""
 
     def __init__(self, model: MotionModel, s: Symbol, shifts: list[Symbol], delayed: tuple[str, ...]) -> None:
         count, inputs = len(shifts), len(model.inputs)
         parts = cs.vertsplit(s)
         length, values, slopes = parts[0], parts[1 : 1 + inputs], parts[1 + inputs : 1 + 2 * inputs]
         h_by, begin_by, guess = (parts[1 + 2 * inputs + k * count : 1 + 2 * inputs + (k + 1) * count] for k in range(3))
-        moved = [shift - at for shift, at in zip(shifts, guess, strict=True)]  # zero in value, not in derivative
+        moved = [shift - at for shift, at in zip(shifts, guess, strict=True)]  # value zero, derivative one
         self.h = length + sum(a * b for a, b in zip(h_by, moved, strict=True))
         begin = sum(a * b for a, b in zip(begin_by, moved, strict=True))
         self.lines: dict[str, tuple[Symbol, Symbol]] = {}
@@ -478,12 +479,12 @@ def _moved(x: list[Symbol], h: Symbol, rates: list[Symbol]) -> list[Symbol]:
 
 
 def beside_inputs(p: Namespace, segment: _Segment) -> Namespace:
-    """Parameters with the lines of all inputs, for actuators that read more than their own."""
+    """Parameters with the lines of all inputs added, for actuators that read other inputs than their own."""
     return SimpleNamespace(**vars(p), inputs=segment.lines)
 
 
 def parameters(model: MotionModel, vector: Symbol) -> Namespace:
-    """The parameters by name out of their vector; arrays as flat lists."""
+    """The parameters by name, from their vector; arrays as flat lists."""
     result: dict[str, Symbol] = {}
     for parameter, place in placed(model.parameters):
         value = cs.vertsplit(vector[place])

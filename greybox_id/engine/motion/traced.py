@@ -1,4 +1,4 @@
-"""Equations traced once for all simulators of a task: one tracing takes as long as the search of many a fit."""
+"""Equations traced once for all simulators of a task, since a trace takes as long as many a fit."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ _KNOWN: ContextVar[list[MotionTrace] | None] = ContextVar("known", default=None)
 
 @contextmanager
 def traced_once() -> Iterator[None]:
-    """Within, equations are traced once, however many simulators of them are made.
+    """Context in which equations are traced once for all their simulators.
 
-    For no longer than a task takes: equations are a user's functions, and what they read may change after it.
+    It should last no longer than a task: equations are a user's functions, and data that they read may change later.
     """
     known = _KNOWN.set([])
     try:
@@ -27,7 +27,7 @@ def traced_once() -> Iterator[None]:
 
 
 def traced(model: MotionModel) -> MotionTrace:
-    """A model's trace; within `traced_once` that of an earlier model with the same equations."""
+    """A model's trace; within `traced_once` shared with earlier models of the same equations."""
     known = _KNOWN.get()
     if known is None:
         return MotionTrace(model)
@@ -39,7 +39,7 @@ def traced(model: MotionModel) -> MotionTrace:
 
 
 def _same_equations(one: MotionModel, other: MotionModel) -> bool:
-    """Whether nothing was replaced but what parameters are worth."""
+    """Whether the models differ in nothing but their parameters' values, bounds and priors."""
     if type(one) is not type(other):
         return False
     alike = all(getattr(one, f.name) is getattr(other, f.name) for f in fields(one) if f.name != "parameters")

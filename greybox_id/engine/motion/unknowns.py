@@ -1,7 +1,7 @@
 """The unknowns of fitting a motion model: parameters first, then each interval's free starts.
 
-Free starts are deviations of states that are read, with noise, from their readings, and of those whose start is a guess
-from what the model says.
+Free starts are deviations: of measured states from their readings, and of states with a guessed start from the model's
+guess.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from .schedule import MotionRun
 
 @dataclass(frozen=True)
 class Unknowns:
-    """Where unknowns stand, and what is believed of them.
+    """Places, bounds and priors of the unknowns.
 
     Attributes
     ----------
-    parameters : per run, where its parameters stand.
-    loose : states that start freely.
-    layout : per interval, where its parameters and its free starts stand.
-    bounds, free, R, r : as of `LeastSquares`.
-    stated : whether intervals start freely, and the strengths.
+    parameters : per run, places of its parameters.
+    loose : states with a free start.
+    layout : per interval, places of its parameters and its free starts.
+    bounds, free, R, r : as in `LeastSquares`.
+    stated : arguments that determine the layout: whether starts are free, and the strengths.
     """
 
     parameters: Layout
@@ -53,11 +53,11 @@ def lay_out_unknowns(
 
     Parameters
     ----------
-    model, runs : whose.
+    model, runs : the model and its runs.
     run_of : (intervals,) the run of each interval.
     free_starts : whether intervals start freely.
-    strengths : how much stronger than stated each group of priors is taken.
-    known : those of the same model, runs and intervals, which are taken where they were stated alike.
+    strengths : factor by which each group of priors is tightened beyond its stated strength.
+    known : unknowns of the same model, runs and intervals, reused if the other arguments are the same.
     """
     stated = (free_starts, dict(strengths or {}))
     if known is not None and known.stated == stated:
@@ -73,7 +73,7 @@ def lay_out_unknowns(
     (low, high), free = limits(model, parameters)
     bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
     R, r = beliefs(model, replace(parameters, size=layout.size), len(runs), strengths)
-    guessed = [  # deviations that no reading tells
+    guessed = [  # deviations of states without a reading get a prior
         (place[j], 1.0 / model.states[state].scale)
         for j, state in enumerate(loose)
         for run, names in enumerate(read)
