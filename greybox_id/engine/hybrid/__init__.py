@@ -1,4 +1,4 @@
-"""Hybrid models laid over recordings: one step, windows of them side by side, free runs."""
+"""Hybrid models on recordings: one step, windows of them side by side, free runs."""
 
 from .motion import as_motion
 

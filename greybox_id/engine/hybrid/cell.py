@@ -1,20 +1,21 @@
 """One step of a hybrid model, for many windows side by side, as a CasADi function.
 
-What is carried from step to step, top to bottom: states, their derivatives a step before, one where there was a step
-before, what the network's layers said. Each column is a window of its own. Matrices of weights times matrices of
-windows are what CasADi evaluates fastest. Training takes the network out of the sample (`sweep`).
+The state carried from step to step consists of, top to bottom: states, their derivatives in the previous step, a flag
+that is one if there was a previous step, outputs of the network's layers. Each column is a separate window. CasADi is
+fastest with products of weight matrices and matrices of windows. Training takes the network out of the sample
+(`sweep`).
 
 States follow by the second-order Adams-Bashforth formula,
 
     x_(k+1) = x_k + h (f_k + (f_k - f_(k-1)) / 2)
 
-which like the paper's Euler step (Eq. 12) asks the network once per step. Euler's is half a sample late, at 100 Hz and
-1 Hz of steering 3 % of the force. What f_(k-1) foretells is how f goes on; a command that is held until the next row
-does not go on, and acts on the states as half of its step (its mean with the row before). Stable while h times the
-fastest eigenvalue, about 2 C_alpha / (m v_x), stays below 1.
+which like the paper's Euler step (Eq. 12) evaluates the network once per step. Euler's is half a sample late, at 100 Hz
+and 1 Hz of steering 3 % of the force. The formula extrapolates f by f_(k-1); a command that is held until the next row
+must not be extrapolated, and acts on the states as half of its step (its mean with the previous row). Stable while h
+times the fastest eigenvalue, about 2 C_alpha / (m v_x), stays below 1.
 
-Networks without a memory may be asked more than once a step: the classical Runge-Kutta step is that of the engine, on
-inputs that are held or run straight to the next row, so that what was trained is what is simulated elsewhere.
+Networks without a memory may be evaluated more than once a step: the classical Runge-Kutta step is that of the engine,
+on inputs that are held or linear up to the next row, so that the trained model is the one simulated elsewhere.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from ...models.parameter import placed
 from .stretches import stretches
 
 Network = Callable[[Symbol, Symbol], tuple[Symbol, Symbol]]
-"""(features, what layers said a step before) -> (what is said, what layers say now), (numbers, columns) each."""
+"""(features, layers' outputs in the previous step) -> (network's outputs, layers' outputs), (numbers, columns) each."""
 
 
 class Cell:
@@ -43,8 +44,8 @@ class Cell:
     Attributes
     ----------
     model : the model.
-    carried : how many numbers go from step to step.
-    reported : names of what a step reports, in order: outputs and estimates.
+    carried : length of the state carried from step to step.
+    reported : names of a step's results, in order: outputs and estimates.
     """
 
     def __init__(self, model: HybridModel) -> None:
@@ -53,11 +54,11 @@ class Cell:
         self.reported = tuple(dict.fromkeys((*model.outputs, *model.estimates)))
 
     def sample(self, columns: int, reported: Sequence[str]) -> cs.Function:
-        """(carried, inputs now and as they act, parameters) -> (carried a sample later, what is reported now).
+        """(carried, inputs now and as they act, parameters) -> (carried a sample later, reported results now).
 
         Parameters
         ----------
-        columns : windows side by side.
+        columns : number of windows side by side.
         reported : names of states and quantities.
         """
         carried = cs.MX.sym("carried", self.carried, columns)
@@ -70,13 +71,13 @@ class Cell:
     def traced(
         self, carried: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network, reported: Sequence[str]
     ) -> tuple[Symbol, Symbol]:
-        """What is carried a sample later, and what is reported now; parameters are by name."""
+        """The carried state a sample later, and the reported results now; parameters are by name."""
         model = self.model
         known, acting = cs.vertsplit(u, len(model.inputs))
         now, entry = carried, None
         for k in range(model.substeps):
             begin, end = known, acting
-            if model.integrator != "ab2":  # acting are the inputs at the end of the sample
+            if model.integrator != "ab2":  # `acting` are the inputs at the end of the sample
                 begin, end = (known + share / model.substeps * (acting - known) for share in (k, k + 1))
             now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps, network)
             entry = entry if entry is not None else cs.vertcat(*[quantities[name] for name in reported])
@@ -85,9 +86,9 @@ class Cell:
         return now, entry
 
     def start(self, states: Array) -> Array:
-        """What is carried at the start of windows: (states, columns) -> (carried, columns).
+        """Carried state at the start of windows: (states, columns) -> (carried, columns).
 
-        The network remembers nothing, and there was no step before: the first one is Euler's.
+        The network's memory is zero, and there is no previous step: the first one is Euler's.
         """
         result = np.zeros((self.carried, states.shape[1]))
         result[: len(self.model.states)] = states
@@ -116,7 +117,7 @@ class Cell:
     def _one_step(
         self, carried: Symbol, u: Symbol, following: Symbol, p: Mapping[str, Symbol], h: float, network: Network
     ) -> tuple[Symbol, Mapping[str, Symbol]]:
-        """Euler's or Runge and Kutta's; `following` are the inputs at the end of the step."""
+        """An Euler or Runge-Kutta step; `following` are the inputs at the end of the step."""
         n = len(self.model.states)
         start = carried[:n, :]
         first, quantities = self._rates(start, u, p, network)
@@ -131,12 +132,12 @@ class Cell:
         return cs.vertcat(after, first, cs.DM.ones(1, u.shape[1])), quantities
 
     def rates(self, state: Symbol, u: Symbol, p: Symbol) -> Symbol:
-        """Rates of the states (states, columns), of a network without a memory."""
+        """Derivatives of the states (states, columns), for a network without memory."""
         by_name = parameters(self.model, p)
         return self.traced_rates(state, u, by_name, partial(_answer, self.model.network, by_name))
 
     def traced_rates(self, state: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network) -> Symbol:
-        """The same; parameters are by name."""
+        """`rates` with parameters by name."""
         return self._rates(state, u, p, network)[0]
 
     def _rates(
@@ -172,7 +173,7 @@ def _answer(
 
 
 def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
-    """What a network without a memory says of features (features, columns)."""
+    """Outputs of a network without memory for features (features, columns)."""
 
     def through(layer: Symbol) -> Symbol:
         columns = layer.shape[1]
@@ -188,7 +189,7 @@ def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol])
 
 
 def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:
-    """The parts of a parameter vector by name, arrays as matrices (written row by row)."""
+    """The parts of a parameter vector by name, arrays as matrices (stored row by row)."""
     result = {}
     for parameter, place in placed(model.parameters):
         part = vector[place]
@@ -200,13 +201,13 @@ def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:
 
 
 _BLOCK = 100
-"""Rows that one call simulates."""
+"""Rows simulated per call."""
 
 
 def free_run(model: HybridModel, recording: Recording) -> dict[str, Array]:
     """Outputs and estimates by name, (n,) each, from the first row of every stretch to its end; NaN between them.
 
-    Each stretch starts from its first readings. Where a slip is too small to tell a stiffness, that is NaN.
+    Each stretch starts from its first readings. Where a slip is too small to identify a stiffness, that is NaN.
 
     Raises
     ------
@@ -221,7 +222,7 @@ def free_run(model: HybridModel, recording: Recording) -> dict[str, Array]:
         for k in range(0, len(stretch), _BLOCK):
             inputs = stretch.inputs[:, k : k + _BLOCK]
             rows = inputs.shape[1]
-            held = np.pad(inputs, ((0, 0), (0, _BLOCK - rows)), mode="edge")  # the last block is simulated on and cut
+            held = np.pad(inputs, ((0, 0), (0, _BLOCK - rows)), mode="edge")  # pads the last block; results are cut
             after, known = block(carried, held, p)
             carried, first = np.array(after)[:, -1:], stretch.rows.start + k
             for name, values in zip(cell.reported, np.array(known), strict=True):

@@ -1,4 +1,4 @@
-"""A hybrid whose network has no memory, as equations of motion: what exports and diagnoses take."""
+"""Hybrid models whose network has no memory, as equations of motion for exports and diagnoses."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .cell import said
 
 @equations_of_motion.register(HybridModel)
 def as_motion(model: HybridModel, text: str = "") -> MotionModel:
-    """The same vehicle as equations of motion, the network's weights constants of them.
+    """The model as equations of motion, with the network's weights as constants.
 
     Raises
     ------
-    BadInput : the network has a memory, or was trained by steps that are no derivative's.
+    BadInput : the network has a memory, or was trained with an integrator other than rk4.
     """
     network = model.network
     if not isinstance(network, FeedForwardNetwork):
@@ -39,7 +39,7 @@ def as_motion(model: HybridModel, text: str = "") -> MotionModel:
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         inputs = SimpleNamespace(**{name: getattr(u, name) for name in model.inputs})
-        for name, least in model.least.items():  # slower, the equations only stay finite
+        for name, least in model.least.items():  # below this the equations are not valid, but must stay finite
             setattr(inputs, name, cs.fmax(getattr(inputs, name), least))
         z = said(network, cs.vertcat(*model.features(x, inputs, p)), weights)
         rates, quantities = model.physics(x, inputs, p, [z[k] for k in range(network.outputs)])

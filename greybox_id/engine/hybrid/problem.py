@@ -1,7 +1,7 @@
-"""What training a hybrid model minimises, with its exact gradient.
+"""The loss that training of a hybrid model minimises, with its exact gradient.
 
 The loss is half the mean squared error over all compared rows, in units of each output's noise (the square of the
-paper's Eq. 13, which has the same minima), plus the priors of physical parameters and a weak pull of weights to zero.
+paper's Eq. 13, which has the same minima), plus the priors of physical parameters and a weak L2 regulariser of weights.
 It is differentiated backwards through time, network and physics (`sweep`).
 """
 
@@ -20,26 +20,26 @@ from .stretches import Stretch, windows
 from .sweep import Sweep, Traced
 
 _ABREAST, _FEWEST = 8192, 128
-"""Rows that are simulated at a time, and the fewest windows: more do not stay in the processor's caches."""
+"""Rows simulated at a time, limited by the processor's caches, and the fewest windows."""
 _SHARE = 0.1
-"""Unit of a physical parameter without a prior, over its nominal value."""
+"""Unit of a physical parameter without a prior, relative to its nominal value."""
 _HUGE = 1e8
-"""Mean square of a vehicle that leaves all bounds."""
+"""Loss of a simulation that diverges."""
 PULL = 1e-5
-"""Of weights to zero: weak, for what ends training is the held-out error."""
+"""Weight of the L2 regulariser: weak, since early stopping by the held-out error ends training."""
 
 
 class SquaredErrors:
-    """Mean squared error of what is told, as a function of the parameter vector.
+    """Mean squared error of the reported results, as a function of the parameter vector.
 
     Parameters
     ----------
-    model : whose parameters these are.
-    traced : a sample of it.
-    starts : (columns, numbers) what is carried at the start.
-    inputs, wanted, weight : (rows, columns, numbers) inputs, what is to be told, and one over the errors that count as
-        one, zero where nothing is compared.
-    abreast : columns that are simulated at a time.
+    model : the model, for its parameters.
+    traced : one sample of it.
+    starts : (columns, numbers) carried state at the start.
+    inputs, target, weight : (rows, columns, numbers) inputs, targets of the results, and the inverse of their unit
+        errors, zero where nothing is compared.
+    abreast : number of columns simulated at a time.
     """
 
     def __init__(
@@ -54,12 +54,12 @@ class SquaredErrors:
         self._blocks = []
         for k in range(blocks):
             value = np.arange(k * columns, (k + 1) * columns)
-            at = np.minimum(value, count - 1)  # what fills the last block up does not count
+            at = np.minimum(value, count - 1)  # padding of the last block, with weight zero
             counts = weight[:, at] * (value < count)[:, None]
             self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), target[:, at], counts))
 
     def __call__(self, p: Array) -> float:
-        """Mean square at a parameter vector; infinite where the vehicle is simulated out of all bounds."""
+        """Mean square at a parameter vector; infinite if the simulation diverges."""
         with np.errstate(all="ignore"):
             total = sum(
                 float(np.sum(((self._sweep.forward(starts, inputs, p)[0] - target) * weight) ** 2))
@@ -93,15 +93,15 @@ class WindowErrors(SquaredErrors):
 
 
 class RateErrors(SquaredErrors):
-    """Mean squared error of the rates of states.
+    """Mean squared error of the derivatives of states.
 
     Parameters
     ----------
-    model : whose network has no memory.
+    model : a model whose network has no memory.
     states : (states, n).
     inputs : (inputs, n).
-    rates : (states, n) that are to be met.
-    scale : (states, n) errors that count as one.
+    rates : (states, n) target derivatives.
+    scale : (states, n) unit errors.
     """
 
     def __init__(self, model: HybridModel, states: Array, inputs: Array, rates: Array, scale: Array) -> None:
@@ -114,15 +114,15 @@ class RateErrors(SquaredErrors):
 
 
 class HybridProblem:
-    """The loss over scaled unknowns: those that are free, in units that make them alike.
+    """The loss as a function of the free parameters, scaled to similar sizes.
 
     Attributes
     ----------
-    model : at its nominal values.
-    errors : over windows of the stretches, unless others are handed over.
-    lesson : further errors, whose mean square counts as much.
-    free : (parameters,) which of the numbers are unknowns.
-    bounds : (unknowns, 2) in their own units.
+    model : the model, at its nominal values.
+    errors : by default over windows of the stretches.
+    lesson : further errors, whose mean square is added.
+    free : (parameters,) whether a parameter is an unknown.
+    bounds : (unknowns, 2) in scaled units.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class HybridProblem:
         return np.asarray((p - self.nominal)[self.free] / self._unit)
 
     def __call__(self, q: Array) -> tuple[float, Array]:
-        """Loss and gradient; where the simulation leaves all bounds the loss is huge and flat."""
+        """Loss and gradient; if the simulation diverges, the loss is huge and flat."""
         p = self.parameters(q)
         mean, slope = self.errors.with_gradient(p)
         if self.lesson is not None:
@@ -188,10 +188,10 @@ class HybridProblem:
 
 
 def drawn(model: HybridModel, seed: int) -> Array:
-    """A parameter vector from which training starts: weights drawn, all else as it stands.
+    """A parameter vector at which training starts: random weights, all else at its value.
 
-    Layers keep the spread of what they read (He et al. 2015), memory fades (its spectral radius is about a third), and
-    the output begins near its nominal value: the first simulations are those of a plain vehicle.
+    Layers preserve the spread of their inputs (He et al. 2015), memory fades (its spectral radius is about a third),
+    and the output starts near its nominal value: the first simulations are those of a plain vehicle.
     """
     rng, values = np.random.default_rng((seed, 5081)), []
     for parameter in model.parameters:

@@ -1,4 +1,4 @@
-"""Recordings as hybrid models see them: stretches in which inputs are complete, and windows laid over them."""
+"""Recordings prepared for hybrid models: stretches with complete inputs, and windows of them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...datasets.recording import Recording
 from ...models.hybrid_model import HybridModel
 
 SAMPLE_TIME_TOLERANCE = 0.02
-"""A recording may differ from the model's sample time by this share."""
+"""Largest relative difference between the sample times of a recording and of the model."""
 _START = 0.02
-"""s to either side, through whose readings a line is laid for a start."""
+"""s to either side of a start whose readings are averaged by a straight line."""
 _SMOOTH, _ORDER = 15, 3
-"""Rows and order of the polynomials that a signal follows: what it departs from them by is noise."""
+"""Rows and order of the polynomials that smooth a signal; its deviation from them is noise."""
 
 
 @dataclass(frozen=True)
@@ -26,13 +26,13 @@ class Stretch:
 
     Attributes
     ----------
-    rows : of the recording.
+    rows : rows of the recording.
     sample_time : s.
-    inputs : (2 inputs, n), now and as they act until the next row: a command that is held acts as half its step. Where
-        single steps integrate (`HybridModel.integrator`), now and at the end of the step: a command as it is held,
-        other inputs as the next row has them.
-    outputs : (outputs, n) as read; NaN where they are not.
-    states : (states, n) as read; NaN where they are not.
+    inputs : (2 inputs, n), at the row and as they act until the next row: a held command acts as half its step. With a
+        single-step method (`HybridModel.integrator`), at the row and at the end of the step: a command as it is held,
+        other inputs as in the next row.
+    outputs : (outputs, n) readings; NaN where missing.
+    states : (states, n) readings; NaN where missing.
     """
 
     rows: slice
@@ -45,14 +45,14 @@ class Stretch:
         return int(self.inputs.shape[1])
 
     def start(self, row: int) -> Array:
-        """States at a row, on straight lines through the readings about it; zero, straight on, where there are none."""
+        """States at a row, from straight lines through the readings around it; zero without readings."""
         side = round(_START / self.sample_time)
         first = min(max(row - side, 0), max(len(self) - 2 * side - 1, 0))
         return np.array([_line(values[first : first + 2 * side + 1], row - first) for values in self.states])
 
 
 def stretches(model: HybridModel, recording: Recording) -> list[Stretch]:
-    """The stretches of a recording in which a hybrid model's inputs are there and its physics hold.
+    """The stretches of a recording in which a hybrid model's inputs are finite and its physics are valid.
 
     Raises
     ------
@@ -90,7 +90,7 @@ class Windows:
     Attributes
     ----------
     inputs : (rows, 2 inputs, windows), as in `Stretch`.
-    outputs : (rows, outputs, windows), NaN where not read or not compared.
+    outputs : (rows, outputs, windows), NaN where missing or not compared.
     starts : (states, windows).
     """
 
@@ -100,7 +100,7 @@ class Windows:
 
 
 def windows(model: HybridModel, stretchs: Sequence[Stretch]) -> Windows:
-    """Windows over stretches, each row but the first ones compared once; stretches shorter than a window are left out.
+    """Windows of stretches, each row but the first ones compared once; stretches shorter than a window are dropped.
 
     Raises
     ------
@@ -120,11 +120,11 @@ def windows(model: HybridModel, stretchs: Sequence[Stretch]) -> Windows:
 
 
 def noise(stretchs: Sequence[Stretch]) -> Array:
-    """Standard deviation of every output's readings: what they depart by from smooth curves; NaN where none is read.
+    """Standard deviation of every output's readings from smooth curves; NaN without readings.
 
-    A cubic is laid through 15 rows about each; the part of the noise that it follows is allowed for.
+    The curve is a cubic through the 15 rows around each; the result is corrected for the noise that the cubic follows.
     """
-    # Loading it takes a second, which reports of other models need not spend.
+    # importing it takes a second, which reports of other models need not spend
     from scipy.signal import savgol_filter
 
     kept = 1.0 - savgol_filter(np.eye(1, 2 * _SMOOTH + 1, _SMOOTH)[0], _SMOOTH, _ORDER)[_SMOOTH]
@@ -137,7 +137,7 @@ def noise(stretchs: Sequence[Stretch]) -> Array:
 
 
 def _acting(model: HybridModel, recording: Recording, inputs: Array) -> Array:
-    """Inputs as they act on states, see `cell`; before the first row commands were as there."""
+    """Inputs as they act on states, see `cell`; before the first row commands are taken as constant."""
     result = inputs.copy()
     if model.integrator != "ab2":
         for k, name in enumerate(model.inputs):
@@ -152,7 +152,7 @@ def _acting(model: HybridModel, recording: Recording, inputs: Array) -> Array:
 
 
 def _line(values: Array, place: int) -> float:
-    """A straight line through readings, at one of their places."""
+    """Value at `place` of a straight line through the readings."""
     at = np.flatnonzero(np.isfinite(values))
     if len(at) < 3:
         return float(np.mean(values[at])) if len(at) else 0.0

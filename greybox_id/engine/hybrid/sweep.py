@@ -1,14 +1,14 @@
 """Windows side by side, forward in time and back: physics by CasADi, the network by matrices (`NetworkLayers`).
 
-A sample of a hybrid model is traced with the network cut out of it: what it is asked are expressions, what it answers
-are symbols. In between CasADi's functions and the layers take turns; slopes go the same way backward, with CasADi's
-reverse mode for the physics. Networks are most of the work, and CasADi multiplies matrices without the processor's
-vectors: ten times as slow for four layers of 24.
+A sample of a hybrid model is traced with the network cut out: the network's inputs are expressions, its outputs are
+symbols. Evaluation alternates between CasADi's functions and the layers; derivatives go the same way backwards, with
+CasADi's reverse mode for the physics. Networks are most of the work, and CasADi multiplies matrices without SIMD
+instructions: ten times as slow for four layers of 24.
 
-A network's layers in numpy, many columns at once, forward and backward: products of matrices are BLAS's.
-
-What a network is asked are its features and, of one with a memory, what its layers said a step before; what it answers
-are its outputs, and what its layers say now. Both are (columns, numbers): rows of an array here are CasADi's columns.
+`NetworkLayers` evaluates a network in numpy, many columns at once, forward and backward, with BLAS's matrix products.
+Its question contains the features and, for a network with memory, the layers' outputs of the previous step; its answer
+contains the network's outputs and the layers' outputs now. Both are (columns, numbers): rows of an array are CasADi's
+columns.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from ..virtual import on_arrays
 from .cell import Network, parameters
 
 Weights = Mapping[str, Array]
-"""By the names of a network's `shapes`."""
+"""Weights by the names of a network's `shapes`."""
 
 
 class NetworkLayers:
-    """A network, whose weights are handed over with every call.
+    """A network whose weights are passed with every call.
 
     Attributes
     ----------
-    asked, answered : numbers of a question and of an answer.
+    asked, answered : lengths of a question and of an answer.
     """
 
     def __init__(self, network: RecurrentNetwork | FeedForwardNetwork) -> None:
@@ -48,7 +48,7 @@ class NetworkLayers:
         self.asked, self.answered = network.features + remembered, network.outputs + remembered
 
     def forward(self, question: Array, p: Weights) -> tuple[Array, list[Array]]:
-        """An answer, and what layers said, the features first, which `backward` wants."""
+        """The answer, and the outputs of all layers, features first, for `backward`."""
         network = self._network
         layer = features = question[:, : network.features]
         if len(self._signs):
@@ -75,7 +75,7 @@ class NetworkLayers:
         return (np.concatenate((z, *stated[1:]), axis=1) if self._recurrent else z), stated
 
     def backward(self, slope: Array, question: Array, stated: list[Array], p: Weights, weights: Weights) -> Array:
-        """From the slope by an answer that by the question; slopes by weights are added to `found`."""
+        """Derivative by the question from that by the answer; derivatives by weights are added to `weights`."""
         network = self._network
         at, ones = network.outputs, np.ones(len(stated[0]))
         z = slope[:, :at]
@@ -113,12 +113,12 @@ class NetworkLayers:
 
 
 Traced = Callable[[Symbol, Symbol, dict[str, Symbol], Network], tuple[Symbol, Symbol]]
-"""(carried, inputs, parameters by name, network) -> (carried a sample later, what is told now)."""
+"""(carried, inputs, parameters by name, network) -> (carried a sample later, results now)."""
 
 
 @dataclass(frozen=True)
 class Tape:
-    """What a sweep forward leaves for the one back: row by row what was carried, asked and said."""
+    """Record of a forward sweep for the backward one: per row the carried state, questions, answers and layers."""
 
     inputs: Array
     p: Array
@@ -129,16 +129,16 @@ class Tape:
 
 
 class Sweep:
-    """Windows of a model, so many side by side.
+    """Windows of a model side by side, simulated and differentiated.
 
     Arrays are (columns, numbers), or (rows, columns, numbers).
 
     Parameters
     ----------
-    model : whose parameters are handed over as one vector.
-    traced : a sample of it.
-    sizes : numbers that are carried, and of inputs.
-    columns : windows side by side.
+    model : the model, whose parameters are passed as one vector.
+    traced : one sample of it.
+    sizes : lengths of the carried state and of the inputs.
+    columns : number of windows.
     """
 
     def __init__(self, model: HybridModel, traced: Traced, sizes: tuple[int, int], columns: int) -> None:
@@ -170,10 +170,10 @@ class Sweep:
         self._move = _Called([*known, *symbols], moved)
         self._tell = _Called([*known, *symbols], entry)
         self._needed = any(cs.depends_on(entry, item) for item in symbols)
-        """Whether what is told needs the network's answers of that row."""
+        """Whether a row's results depend on the network's answers of that row."""
 
     def forward(self, starts: Array, inputs: Array, p: Array) -> tuple[Array, Tape]:
-        """What is told, (rows, columns, numbers), and what `backward` wants."""
+        """The results, (rows, columns, numbers), and the record for `backward`."""
         weights, physical = self._weights(p), p[self._physical]
         tape, known = Tape(inputs, p, [], [], [], []), []
         now = starts
@@ -200,7 +200,7 @@ class Sweep:
         return np.array(known), tape
 
     def backward(self, slope: Array, tape: Tape) -> Array:
-        """From the slope by what is told, (rows, columns, numbers), that by the parameters."""
+        """Derivative by the parameters, from that by the results, (rows, columns, numbers)."""
         result, physical = np.zeros(len(tape.p)), tape.p[self._physical]
         weights, by_weights = self._weights(tape.p), self._weights(result)
         of_physical = np.zeros(len(physical))
@@ -229,7 +229,7 @@ class Sweep:
 
 
 class _Called:
-    """An expression of (carried, inputs, physical parameters, answers ...), and its slopes by all but the inputs."""
+    """An expression of (carried, inputs, physical parameters, answers ...), and its derivatives by all but inputs."""
 
     def __init__(self, known: list[Symbol], value: Symbol) -> None:
         function = cs.Function("value", known, [cs.densify(value)])
@@ -247,6 +247,6 @@ class _Called:
 
 
 def _summed(slopes: list[list[Array]]) -> tuple[Array, Array, list[Array]]:
-    """By what is carried, by physical parameters, and by each answer."""
+    """Sums of the derivatives by the carried state, by physical parameters, and by each answer."""
     carried, physical, *stated = (sum(item[1:], item[0]) for item in zip(*slopes, strict=True))
     return carried, np.ravel(physical), stated
