@@ -52,7 +52,7 @@ DIFFERS = "its estimate differs between parts of the drive, which suggests that 
 OF_READINGS = "it only adds noise to readings and does not change a simulation"
 
 
-@np.errstate(over="ignore", invalid="ignore")  # in a search simulations may diverge: what is not finite is refused
+@np.errstate(over="ignore", invalid="ignore")  # simulations of a search may diverge: infinite costs are refused
 def diagnose(
     model: Diagnosed,
     recordings: Sequence[Recording],
@@ -71,13 +71,13 @@ def diagnose(
     model : the simulation, at its nominal values.
     recordings : of the vehicle.
     effects : what the model may lack, by name.
-    vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. A number stated without
-        an sd is exact.
+    vehicle : stated tolerances, which are refitted and charged for, and sensor noise. A number stated without an sd is
+        exact.
     held_out : recordings that choose nothing, on which the closure is verified.
-    say : told of progress.
-    horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too; on those held out they are
-        always there.
-    seed : kept for the record; nothing here is drawn that a result depends on.
+    say : receives lines of progress.
+    horizons : whether to compute errors over fixed horizons on the diagnosed recordings too; on those held out they
+        always are.
+    seed : kept for the record; no result depends on a random draw.
 
     Raises
     ------
@@ -95,23 +95,23 @@ def diagnose(
 
 
 def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
-    """What a diagnosis says of what it found."""
+    """The answer of a diagnosis, from what was examined."""
     selection = it.selection
     scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     ways = witnesses(it, it.best) if it.best.candidates else []
-    ways = ways[: 1 if held_out else None]  # what an effect closes of those tells more than free runs of these
+    ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
     reasons, leave = (unsure(it, ways, level) for level in (CAL.by_chance, CAL.present))
     doubtful, best = set(reasons) - set(leave), only(it, set(it.best.names) - set(leave)) if leave else it.best
     shared, telling = None, None
-    stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
-    while set(best.names) - doubtful:  # beside what is there rather than not
+    stated = it.rough and not it.bench.learnt  # with stated tolerances, innovations alone do not suffice
+    while set(best.names) - doubtful:  # judged beside doubtful effects, too: these are likelier present than not
         shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
         leaving = refused(it, set(best.names) - doubtful, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
-        if len(little) > 1:  # the least of them leaves first: it may hide what the others close
+        if len(little) > 1:  # only the smallest leaves: it may hide what the others close
             least = min(little, key=lambda name: little[name])
             leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
         reasons |= leaving
@@ -120,7 +120,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
             break
     best = only(it, set(best.names) - doubtful) if doubtful else best
     while True:
-        if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some left since
+        if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some have left
             shared = shared_out(it, best, held_out, tell) if best.names else None
         if shared is not None and (why := next_to_nothing(shared, not it.rough)):
             reasons |= dict.fromkeys(best.names, why)
@@ -136,14 +136,14 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
     whole = shared if shared is not None and shared.shows else telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
-        # more than half is surely no named effect's
+        # more than half of the excess is surely due to no named effect
         unknown = max(unknown, CAL.nameless)
     if (
         shared is not None
         and not shared.shows
         and any(share.effect in applied and share.low <= 0 for share in shared.shares)
     ):
-        shared = None  # shares of next to nothing, beside names that are surely there
+        shared = None  # shares of next to no gap, where the effects themselves are certain
     like = it.resembles() if unknown > CAL.present else ()
     excess = np.sum(np.where(it.good, (selection.base.e / it.sd) ** 2 - (best.e / it.sd) ** 2, 0.0), axis=1)
     if not applied:
@@ -200,7 +200,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
 
 
 def _held(examined: Examined) -> str:
-    """How simulations were kept from spinning, if free runs of the model do whatever it is given."""
+    """How simulations were kept from spinning, where free runs of the model spin with and without effects; else ""."""
     name = PULLED.format("yaw_rate")
     names = [parameter.name for parameter in examined.bench.model.parameters]
     if name not in names or not (rate := examined.selection.search.nominal[names.index(name)]) > 0:
@@ -218,7 +218,7 @@ def _classes(
     reasons: Mapping[str, str],
     shared: Budget | None,
 ) -> tuple[CauseClass, ...]:
-    """Of every effect of the best explanation, what acts as it does; doubts of one are those of all."""
+    """The class of each effect of the best explanation: effects that act alike; doubts about it hold for all."""
     classes = []
     tried = examined.selection.tried
     for name in examined.best.names:
@@ -241,7 +241,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
     ----------
     examined : what was examined.
     reasons : why effects of the best hypothesis are not applied, by name.
-    shared : what these close.
+    shared : their budget.
     """
     known = 1.0 - CAL.nothing_unknown
     selection, weighed = examined.selection, examined.evidence
@@ -294,16 +294,17 @@ def _less_doubts(
     reasons: Mapping[str, str],
     shared: Budget | None,
 ) -> float:
-    """The probability that an effect is there and is itself; below one half where it is refused."""
+    """The probability that an effect is present and is what it is named after; below one half if it is refused."""
     itself_too = itself(examined, hypothesis, name, examined.varying.get(name)) * closes(shared, name)
     p *= (1.0 - CAL.nothing_unknown) * itself_too
     return min(p, float(np.nextafter(1.0 - CAL.present, 0.0))) if name in reasons else p
 
 
 def _of_sets(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
-    """What effects are ranked by: their probability; that of all that cannot be distinguished for the first of them.
+    """Keys by which effects are ranked: their probability; for the first of a class, that of the whole class.
 
-    Two aliases share the weight of what is surely one of them: an effect beside them of which less is sure comes next.
+    Two aliases share the weight of a certain cause: a less certain effect beside them then ranks after the first of
+    them.
     """
     rank, led = {item.effect: item.probability for item in ranked}, set[str]()
     for item in sorted(ranked, key=lambda each: (-each.probability, -each.gain)):
@@ -317,9 +318,9 @@ def _of_sets(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict
 
 
 def _p_value(examined: Examined, unexplained: bool) -> float:
-    """How often a vehicle without a gap would look so: like the best hypothesis, an effect of variance, or as loud.
+    """How often a vehicle without a gap gains as much, by the best hypothesis, effects on scatter or unknown error.
 
-    Where equations are rough, by what such vehicles gained, from which costs are derived; else by noise alone.
+    Where equations are inexact, by what such vehicles gained, from which costs are derived; else by noise alone.
     """
     many, temper, base = len(examined.effects), examined.evidence.temper, examined.selection.base
     tried = examined.selection.tried
@@ -329,7 +330,7 @@ def _p_value(examined: Examined, unexplained: bool) -> float:
         p = [max(item, by_chance(score)) for item, score in zip(p, examined.evidence.scores, strict=True)]
     p += [p_value(item.gain, 1, many) for item, present in examined.scatter.values() if present > CAL.present]
     if unexplained:
-        p.append(float(len(examined.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that
+        p.append(float(len(examined.sd) * ndtr(-CAL.surely)))  # at most: the worst channel deviates more
     return min(p, default=1.0)
 
 
@@ -342,7 +343,7 @@ def _magnitude(examined: Examined, hypothesis: Hypothesis, name: str) -> tuple[f
 
 
 def _others(examined: Examined, hypothesis: Hypothesis, name: str) -> dict[str, float]:
-    """Second parameters of one effect in a hypothesis that are elsewhere than usual."""
+    """Second parameters of one effect in a hypothesis that differ from their usual values."""
     candidate, at = next(part for part in hypothesis.parts if part[0].effect == name)
     usual = {other.name: float(other.array) for other in examined.effects[name].others}
     entry = {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
@@ -350,18 +351,18 @@ def _others(examined: Examined, hypothesis: Hypothesis, name: str) -> dict[str, 
 
 
 def _place(examined: Examined, part: ActingRows) -> str:
-    """The name of the recording in which an effect begins or ends, and of its run where it has several."""
+    """Name of the recording in which an effect begins or ends, and its run if it has several."""
     k, run, _ = place_of(examined, part)
     return f"{part.recording}, run {run + 1}" if len(examined.recordings[k].runs) > 1 else part.recording
 
 
 def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
-    """What is unknown in a sentence.
+    """The unexplained error in a sentence.
 
     Parameters
     ----------
-    channel : where it shows most.
-    like : effects that it looks like.
+    channel : where it is largest.
+    like : effects that it resembles.
     """
     value, names, left = examined.signs, examined.best.names, examined.unnamed
     parts = [f"the unexplained error is largest in {channel}"] if channel else []

@@ -1,4 +1,4 @@
-"""What a diagnosis finds out before it says anything: refits, weights, and signs of something unknown."""
+"""The numbers of a diagnosis, before it is worded: refits, their weights, and signs of something unknown."""
 
 from __future__ import annotations
 
@@ -44,29 +44,29 @@ from .unknown import Signs, beyond_what_may_be, left_where_it_acts, of_strained,
 
 TINY = 1e-12
 MOVING = ("steering", "drive", "tyres", "body", "road")
-"""Groups of effects that move the vehicle: what wanders in a sensor is its slow error."""
+"""Groups of effects that move the vehicle: a sensor's varying effect is its slow error."""
 
 
 @dataclass(frozen=True)
 class Examined:
-    """Everything a diagnosis found, before it is put in words.
+    """Everything a diagnosis computes, before it is put in words.
 
     Attributes
     ----------
     prepared, bench, selection, evidence : what was simulated, refitted and weighed.
-    best : the hypothesis that weighs most; the base where nothing outweighs it.
+    best : the hypothesis of largest weight; the base where nothing outweighs it.
     sd, told : (channels,) sensor noise, and whether it was stated.
     good : (N, channels) readings that count.
-    rough : whether the equations are: tolerances are stated, or networks stand for them.
-    scatter : effects of variance, and the probability that each is present.
+    rough : whether equations are inexact: tolerances are stated, or networks replace them.
+    scatter : effects on the scatter of readings, each with the probability that it is present.
     closed : how far the gap closes on these recordings.
     signs : of something unknown.
-    seen, y : signals that regimes are told by, and readings as the best hypothesis has them.
-    unnamed : model error that is left; None for models that know no forces.
-    freed : the base, the best and others that were asked for, by their names, with tolerances that do all they can for
-        free runs; see `at_its_best`.
-    amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
-    stands : whether free runs with the best hypothesis do not spin; where they do, no name is to be trusted.
+    seen, y : signals that define regimes, and readings as the best hypothesis predicts them.
+    unnamed : remaining model error; None for models without unknown forces.
+    freed : by effects' names, hypotheses with tolerances refitted to free runs: base, best and others on request; see
+        `at_its_best`.
+    amplitudes, expected : of the remaining model error, and their prior.
+    stands : whether free runs with the best hypothesis do not spin; where they do, no effect is trusted.
     """
 
     model: Diagnosed
@@ -94,14 +94,14 @@ class Examined:
     stands: bool = True
 
     def at_its_best(self, hypothesis: Hypothesis) -> Hypothesis:
-        """A hypothesis with tolerances that do all they can for free runs."""
+        """A hypothesis with its tolerances refitted to free runs."""
         names = frozenset(hypothesis.names)
         if names not in self.freed:
             (self.freed[names],) = at_their_best(self.selection.search, [hypothesis], self.sd, self.good)
         return self.freed[names]
 
     def closes(self, hypothesis: Hypothesis) -> Closure:
-        """How far the gap closes on these recordings with a hypothesis: the best one, or what is left of it."""
+        """How far the gap closes on these recordings with a hypothesis: the best one, or some of its effects."""
         if hypothesis is self.best:
             return self.closed
         search = self.selection.search
@@ -110,7 +110,7 @@ class Examined:
         return closed_by(before, then, self.sd, good, self.bench, self.closed.recordings)
 
     def resembles(self) -> tuple[Wander, ...]:
-        """Effects that what is left looks like, if their magnitudes vary all the time."""
+        """Effects whose magnitudes, if they varied all the time, would produce the remaining error."""
         search, bench = self.selection.search, self.bench
         if self.amplitudes is None or not isinstance(bench, Bench):
             return ()
@@ -124,18 +124,18 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
-        if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
+        if self.unnamed is None:  # for models without unknown forces, `unknown` weighs it already
             return {}
         return varies(self.selection.search, self.best, self.seen)
 
     @cached_property
     def of_strained(self) -> Mapping[str, float]:
-        """How much of what each effect of the best explanation does, strained tolerances do."""
+        """Effect of the best explanation -> share of its action that strained tolerances produce as well."""
         return of_strained(self.selection.search, self.best)
 
     @cached_property
     def beside_it(self) -> Mapping[str, float]:
-        """What driving still explains where each effect of the best explanation acts."""
+        """Effect of the best explanation -> log-likelihood that driving still explains where it acts."""
         return left_where_it_acts(self.selection.search, self.best, self.seen)
 
 
@@ -146,7 +146,7 @@ def examine(
     vehicle: Vehicle | None,
     tell: Callable[..., None],
 ) -> Examined:
-    """Refit and weigh what may explain recordings."""
+    """Refit and weigh the hypotheses that may explain recordings."""
     if (seconds := sum(recording.duration for recording in recordings)) < CAL.least_seconds:
         raise BadInput(
             f"{recordings[0].name} lasts {seconds:.2g} s: too short to show what a simulation lacks. Name recordings "
@@ -177,7 +177,7 @@ def examine(
     prior = believed_amplitudes(sd, entry, not rough, known)
     whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, value)
-    # model error is annealed, if only in what a file states
+    # zones of indifference are no part of the joint problem: its causes have spikes instead
     tolerances = [axis for axis in believed if not axis.narrow]
     everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
     problem = JointProblem(bench, tolerances, everything, good)
@@ -192,7 +192,7 @@ def examine(
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=by_cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
-    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # nobody knows
+    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # else unknown
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
     unsteady = partial(_unsteadiness, selection.search) if forces else None
     weighed = evidence(selection, tempered, cost, left, unsteady)
@@ -200,7 +200,7 @@ def examine(
     search = as_it_acts(selection.search, best)
     selection, bench = replace(selection, search=search), search.bench
     sd, entry = stated_noise(bench, vehicle, best.e)
-    if not entry:  # the best that is known of noise is what the best explanation leaves
+    if not entry:  # the residuals of the best explanation are the best estimate of noise
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
     expected = believed_amplitudes(sd, entry, not rough, known)
@@ -220,7 +220,7 @@ def examine(
     scatter = {} if stale is None else {"dropped_samples": (stale, surely(weighed.temper * stale.gain))}
     jittered, after, leaves = sole_jitter(bench, best.e, y, sd, good, jump), closed.after, 1.0
     if jittered is not None:
-        present = surely(jittered.gain)  # rough equations do not scatter from row to row: nothing to temper
+        present = surely(jittered.gain)  # not tempered: model error does not scatter from row to row
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > CAL.present else after
         if present > CAL.present:
@@ -248,7 +248,7 @@ def _unsteadiness(search: Search, hypothesis: Hypothesis) -> list[float]:
 def _whitener(
     bench: FreeRuns, good: NDArray[np.bool_], prior: Believed, sd: Array
 ) -> Callable[[Search, Hypothesis | None], Whitener]:
-    """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
+    """How residuals are whitened: by unknown forces where the model has them, else as autoregressive processes."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
         return lambda search, item: (
             white_noise(sd, good, bench.rows) if item is None else colour(item.e, good, bench.rows)
@@ -259,7 +259,7 @@ def _whitener(
         if hypothesis is None:
             p = search.moved(np.array([axis.mean for axis in search.moving]))
             return model_error(linearised(bench, p, sd, sizes), prior.median, good)
-        assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
+        assert isinstance(search.bench, Bench)  # another one where an effect acts in part of the rows
         about = linearised(search.bench, search.vector(hypothesis), sd, sizes)
         return model_error(about, estimated(about, hypothesis.e, good, prior), good)
 
@@ -269,14 +269,14 @@ def _whitener(
 def _amplitudes(
     bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
 ) -> Amplitudes | None:
-    """Of the model error that is left beside a hypothesis."""
+    """Amplitudes of the model error that remains beside a hypothesis."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
         return None
     return estimated(linearised(bench, search.vector(best), sd, ForceSizes(bench)), best.e, good, prior)
 
 
 def _alone(selection: Selection, best: Hypothesis) -> float:
-    """What the effects of a pair take off the base's cost, each by itself, added up; zero where that is not known."""
+    """Sum of what each effect of a pair gains by itself over the base; zero where that is not known."""
     singles = {item.names[0]: selection.base.cost - item.cost for item in selection.of(1)}
     if len(best.names) != 2 or not set(best.names) <= set(singles):
         return 0.0
@@ -284,12 +284,12 @@ def _alone(selection: Selection, best: Hypothesis) -> float:
 
 
 def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
-    """Whether errors of the yaw rate exceed the yaw rate: derivatives of such a simulation tell nothing.
+    """Whether errors of the yaw rate exceed the yaw rate: derivatives of such a simulation are useless.
 
     Parameters
     ----------
     bench : what was measured.
-    e, good : (N, channels) errors of the nominal simulation, and which count.
+    e, good : (N, channels) errors of the nominal simulation, and readings that count.
     """
     if "yaw_rate" not in bench.channels:
         return False
@@ -299,9 +299,9 @@ def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
 
 
 def _kept_from_spinning(problem: JointProblem) -> int | None:
-    """Make the observer of the yaw rate so firm that the nominal simulation does not spin; its place, if there is one.
+    """Raise the yaw rate observer's rate until the nominal simulation does not spin; its index, if there is one.
 
-    Without it derivatives tell nothing, and a search through them finds whatever stops the spin.
+    Without it derivatives are useless, and a search that follows them selects whatever stops the spin.
     """
     name, names = PULLED.format("yaw_rate"), [parameter.name for parameter in problem.bench.model.parameters]
     if name not in names:
@@ -315,7 +315,7 @@ def _kept_from_spinning(problem: JointProblem) -> int | None:
 
 
 def _stands(observer: int | None, good: NDArray[np.bool_], bench: FreeRuns, p: Array) -> bool:
-    """Whether free runs with these parameters do without the observer that a search needed, if it needed one."""
+    """Whether free runs with these parameters do not spin without the observer, if the search needed one."""
     if observer is None:
         return True
     p = p.copy()

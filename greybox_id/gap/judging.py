@@ -1,4 +1,4 @@
-"""What is called a cause: which effects of the best explanation are, why others are not, and what has no name."""
+"""Which effects of the best explanation are called causes, why others are not, and whether something has no name."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from .unknown import unknown_probability, without_a_name
 
 
 def something_unnamed(examined: Examined) -> float:
-    """The probability that something outside the named effects is at work; it silences no name.
+    """The probability of an effect outside the named ones; it rules out no named effect.
 
-    Told by the model error that is left beside them, over what is believed of it, by noise over what is stated, and by
-    tolerances that are further off than they are stated to be.
+    It follows from the model error beside the named effects over its prior, from noise over its stated size, and from
+    tolerances that deviate more than stated.
     """
     if examined.unnamed is None:
         return _without_forces(examined)
@@ -46,9 +46,9 @@ def something_unnamed(examined: Examined) -> float:
 
 
 def _without_forces(examined: Examined) -> float:
-    """The same of models that know no forces: told by what is left of free runs, and how that follows driving."""
+    """The same for models without unknown forces: from the errors of free runs, and how these follow the drive."""
     scattered = any(present > CAL.present for _, present in examined.scatter.values())
-    stated = examined.rough and not examined.bench.learnt  # what training left follows driving anyway
+    stated = examined.rough and not examined.bench.learnt  # errors that training left follow the drive anyway
     nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.told)
     if not examined.best.candidates and not scattered and not nameless:
         return CAL.nothing_unknown
@@ -62,8 +62,8 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
     Parameters
     ----------
     one : what was examined.
-    names : those that are judged.
-    shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
+    names : effects that are judged.
+    shared : their budget; None where it says nothing: shares of next to no gap, which tolerances may close by chance.
     """
     best, reasons, varying, limit = one.best, dict[str, str](), one.varying, may_vary(one)
     for candidate, at in best.parts:
@@ -112,10 +112,10 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
 
 
 def next_to_nothing(shared: Budget, exact: bool) -> str:
-    """Why no effect is a cause, where all of them together leave nearly all of the gap; nothing else.
+    """Why no effect is a cause, where all of them together leave nearly all of the gap; "" otherwise.
 
-    Errors of the equations look like several effects at once, each of which closes a little beside the others. Where
-    equations are exact, the recordings that chose the effects tell so, too: causes close a gap there.
+    Model error looks like several effects at once, each of which closes a little beside the others. Where equations are
+    exact, recordings on which the effects were chosen show that, too: causes close a gap there.
     """
     closed = 1.0 - shared.unnamed.share
     least = CAL.shows if shared.held_out else CAL.least_share if exact else -np.inf
@@ -126,18 +126,18 @@ def next_to_nothing(shared: Budget, exact: bool) -> str:
 
 
 def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
-    """Effects of the best explanation whose sizes are not surely different from none, and why they are no causes.
+    """Effects of the best explanation whose sizes do not differ significantly from none, and why they are no causes.
 
-    Surely: none lies outside of intervals that hold for all effects that were offered at once (Bonferroni's; Dunn,
-    Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as much as
-    causes do, but its size is anyone's guess once these errors are counted. Those leave, the others go where they go
-    without them, and must be sure there, too: what is sure only once another left does what that one did.
+    Significantly: none lies outside of intervals that hold for all offered effects at once (Bonferroni's; Dunn, Journal
+    of the American Statistical Association 56, 1961). A mimic of model-form errors has gained as much as causes do, but
+    its size is undetermined once these errors are counted. Insignificant effects leave, the others move to their values
+    without them, and must be significant there, too: one that is so only once another has left stands for that one.
 
     Parameters
     ----------
     one : what was examined.
-    ways : what tells of the sizes.
-    level : how often chance alone may bring any of the effects so far.
+    ways : what informs the sizes.
+    level : how often chance alone may bring any of the effects so far from none.
     """
     best, reasons = one.best, dict[str, str]()
     offered = len(one.prepared.effects)
@@ -171,22 +171,23 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
 
 
 def size_sd(one: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """Standard deviation of an effect's coordinate in a hypothesis."""
+    """Standard deviation of an effect's coordinate in a hypothesis, largest over its witnesses."""
     _, at = hypothesis.main(name)
     return float(np.sqrt(max(0.0, *(witness.covariance[at, at] for witness in witnesses(one, hypothesis)))))
 
 
 @dataclass(frozen=True)
 class Witness:
-    """What one way to count residuals tells of a hypothesis' sizes.
+    """What one way to weigh residuals says about a hypothesis' sizes.
 
     Attributes
     ----------
-    covariance : (m, m) of its coordinates; where equations are rough, with what form does.
-    widening : (m,) times as far as if residuals were noise.
-    gained : log-likelihood that one of its effects gains. Of limits, lags and plays, to whose none no slope may lead,
-        the ratio of likelihoods says how far from none they are, too: in standard deviations its root (Wilks, Annals
-        of Mathematical Statistics 9, 1938), as much nearer as residuals are no noise (Kent, Biometrika 69, 1982).
+    covariance : (m, m) of its coordinates; where equations are inexact, with model-form errors.
+    widening : (m,) factors by which coordinates scatter more than if residuals were noise.
+    gained : log-likelihood that one of its effects gains. Limits, lags and plays may have no slope at none: for these,
+        the root of twice the likelihood ratio is the distance from none in standard deviations, too (Wilks, Annals of
+        Mathematical Statistics 9, 1938), divided by the widening where residuals are no noise (Kent, Biometrika 69,
+        1982).
     """
 
     covariance: Array
@@ -195,10 +196,10 @@ class Witness:
 
 
 def witnesses(one: Examined, hypothesis: Hypothesis) -> list[Witness]:
-    """Innovations, and where equations are rough free runs.
+    """Innovations, and where equations are inexact free runs.
 
-    There these are a second witness: errors of form are new every correlation time to innovations, but last in what
-    they leave of a free run, whose blocks then pull at a size that stands for them (see `Search.widening`).
+    Free runs are then a second witness: to innovations, form errors are new every correlation time, but in a free run
+    they last, and the gradients of its blocks scatter with them (see `Search.widening`).
     """
     search = one.selection.search
     nulls = np.array([axis.null for axis in hypothesis.axes])
@@ -220,7 +221,7 @@ def witnesses(one: Examined, hypothesis: Hypothesis) -> list[Witness]:
 
 
 def by_no_name(examined: Examined) -> float:
-    """The probability that an effect of the best explanation is there and is not what it is called."""
+    """The probability that an effect of the best explanation is present and is not the cause that it is named after."""
     varying, tried = examined.varying, examined.selection.tried
     others = [
         probability(examined.evidence, tried, name) * (1.0 - itself(examined, examined.best, name, varying.get(name)))
@@ -230,9 +231,9 @@ def by_no_name(examined: Examined) -> float:
 
 
 def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
-    """The probability that what an effect explains is its own.
+    """The probability that an effect is the cause of what it explains.
 
-    That is of one size everywhere, no strain of tolerances, and no share of something unknown where it acts.
+    Such an effect has one size everywhere, does not strain tolerances, and leaves nothing unknown where it acts.
     """
     stands = 1.0 if examined.stands else 1.0 - CAL.present
     other = max(_strains(examined, hypothesis, name), _beside_unknown(examined, hypothesis, name))
@@ -240,10 +241,10 @@ def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread
 
 
 def may_vary(examined: Examined) -> float:
-    """By how much an effect's size may differ between parts of a drive.
+    """By how much an effect's size may differ between parts of a drive, relative.
 
-    More where equations are rough, for their errors move sizes, too; less where they are exact, the likelier something
-    unnamed is: that alone moves sizes then.
+    More where equations are inexact, for their errors move sizes, too. Where they are exact only something unnamed
+    does: less, the likelier that is.
     """
     if examined.rough:
         return CAL.varies_rough
@@ -253,7 +254,7 @@ def may_vary(examined: Examined) -> float:
 
 
 def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
+    """The probability that an effect stands for an unnamed one, judged by tolerances that the latter strains."""
     if examined.unnamed is None:
         return 0.0
     strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
@@ -261,9 +262,9 @@ def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
 
 
 def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """The probability that an effect stands for one without a name, which is left where it acts.
+    """The probability that an effect stands for an unnamed one, judged by the error that remains where it acts.
 
-    Where equations are exact alone: rough ones leave as much beside true causes.
+    Only where equations are exact: inexact ones leave as much beside true causes.
     """
     if examined.unnamed is None or examined.rough:
         return 0.0
@@ -271,7 +272,7 @@ def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> fl
 
 
 def _mimics(gain: float, least: float) -> float:
-    """The probability that an effect which gains so much is a mimic: one half where it gains the least that it must."""
+    """The probability that an effect with this gain is a mimic: one half where it gains just what it must (`least`)."""
     if least <= 0.0:
         return 0.0
     x = CAL.mimic_slope * log(least / max(gain, TINY))
@@ -282,16 +283,16 @@ def gain_of(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """Log-likelihood that an effect gains beside the others of a hypothesis."""
     base, others = examined.selection.base, set(hypothesis.names) - {name}
     without = [item.cost for item in examined.selection.tried if set(item.names) == others]
-    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either may have been left on its way
+    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either refit may be incomplete
 
 
 def of_class(examined: Examined, name: str) -> float:
-    """The probability that an effect is there, or one that these recordings cannot tell from it."""
+    """The probability that an effect is present, or one that these recordings cannot distinguish from it."""
     return probability(examined.evidence, examined.selection.tried, name, *alike_of(examined, name, CAL.alike))
 
 
 def alike_of(examined: Examined, name: str, within: float) -> tuple[str, ...]:
-    """Effects that explain as much in this one's place, within so much log-likelihood."""
+    """Effects that explain as much in this one's place, to within `within` of log-likelihood."""
     tried, scores = examined.selection.tried, examined.evidence.scores
     holding = [k for k, item in enumerate(tried) if name in item.names]
     k = max(holding, key=lambda j: scores[j])
@@ -307,7 +308,7 @@ def alike_of(examined: Examined, name: str, within: float) -> tuple[str, ...]:
 
 
 def _constant(spread: Spread | None, limit: float) -> float:
-    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
+    """The probability that a magnitude with this spread between parts of a recording is a cause's."""
     if spread is None:
         return 1.0
     x = (spread.relative - limit) / CAL.varies_width
@@ -315,7 +316,7 @@ def _constant(spread: Spread | None, limit: float) -> float:
 
 
 def only(examined: Examined, names: Collection[str]) -> Hypothesis:
-    """The best explanation with these of its effects alone, everything else refitted."""
+    """The best explanation with only these of its effects, everything else refitted."""
     selection = examined.selection
     known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}
     return known.get(frozenset(names)) or refitted(selection.search, examined.best.only(names))

@@ -1,8 +1,8 @@
-"""From everything at once to hypotheses: the set of causes, without each of them, and with others in their places.
+"""From the joint search to hypotheses: the best set of causes, without each of them, and with others in its place.
 
-The search of all coordinates together (`estimation.together`) says how rough the equations are and which causes are
-there. Each of them is then taken away, and everything else is refitted: it stays if it gains what a cause must, by as
-much more as its magnitude differs between parts of the drive.
+The joint search (`estimation.together`) estimates the scale of model error and which causes are present. Each of these
+is then dropped and everything else refitted: it stays if it gains what a cause must, after a discount for how much its
+magnitude differs between parts of the drive.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from .estimation.together import JointSearch, JointStage, JointWhitening
 from .estimation.walks import walked
 
 Unsteadiness = Callable[[Search, Hypothesis], list[float]]
-"""Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
+"""Of each effect of a hypothesis, how its magnitude varies over parts of the drive, see `constancy.unsteadiness`."""
 
 
 @dataclass(frozen=True)
 class Promise:
-    """What a candidate promises beside nuisances alone, to first order.
+    """What a single candidate is expected to gain beside nuisances, to first order.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Promise:
     gain : in log-likelihood.
     start : coordinates from which to refit it.
     sd : of its magnitude's coordinate on this recording.
-    told : share of the information on it that is left once nuisances are refitted.
+    told : share of the information about it that remains once nuisances are refitted.
     """
 
     candidate: Candidate
@@ -51,16 +51,16 @@ class Promise:
 
 @dataclass(frozen=True)
 class Selection:
-    """Hypotheses refitted on the same noise.
+    """Hypotheses refitted with the same noise model.
 
     Attributes
     ----------
     search : what refitted them.
-    base : nothing but nuisances.
-    tried : the best explanation, that without each of its effects, with others in their places, single effects; best
-        first.
+    base : nuisances alone, without effects.
+    tried : the best explanation, the same without each of its effects and with others in its place, and single effects;
+        best first.
     promised : of every single candidate beside the base.
-    apart : log-likelihood by which two searches differ that disagree about causes, see `estimation.walks`.
+    apart : log-likelihood by which two walks differ that disagree about causes, see `estimation.walks`.
     """
 
     search: Search
@@ -70,7 +70,7 @@ class Selection:
     apart: float = 0.0
 
     def of(self, size: int) -> list[Hypothesis]:
-        """Hypotheses of so many effects, best first."""
+        """Hypotheses of `size` effects, best first."""
         return [item for item in self.tried if len(item.candidates) == size]
 
 
@@ -82,16 +82,16 @@ def select(
     trust: float,
     stands: Callable[[Array], bool],
 ) -> Selection:
-    """Refit what may explain the recording.
+    """Refit the hypotheses that may explain the recording.
 
     Parameters
     ----------
-    together : the search of everything at once.
+    together : the joint search.
     nuisances : tolerances, zones of indifference among them.
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
-    trust : as how many readings one counts.
-    stands : whether free runs with a vector do not spin: where they do, no name is weighed.
+    trust : how many independent readings one counts as.
+    stands : whether free runs with a parameter vector do not spin; where they do, no effect is considered.
     """
     problem = together.problem
     prices = np.array([
@@ -122,20 +122,20 @@ def select(
         weak = np.argsort(off)[: np.count_nonzero(off < 0)]
         if not len(weak):
             break
-        worse = weak[: -(-len(weak) // 2)]  # others may differ between parts because these are there
+        worse = weak[: -(-len(weak) // 2)]  # these may be why others differ between parts
         unsteady[worse] = seen[worse]
         later, gained = together.pruned(stage, prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, later))
-        if np.any(later.there) and not again.names:  # simulations with these leave the range of numbers
+        if np.any(later.there) and not again.names:  # simulations with these overflow
             break
         stage, gains, best = later, gained, again
     base = _base(search, best)
-    if not best.names:  # model error as it is beside nothing: there is no effect that could live on it
+    if not best.names:  # no effect is left that too small a model error would favour
         base = best = _recoloured(search, together.whitening, base)
-    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
+    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
-    if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # together they may explain more than either
+    if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # both may explain more than either
         there = stage.there | np.isin(names, min(alike, key=by_cost).names)
         stage, gains = together.pruned(together.refitted(stage, there, CAL.exchange_steps), prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, stage))
@@ -147,7 +147,7 @@ def select(
         starts = [
             Start((_as_refitted(item.candidate),), np.array(item.start), base.theta, base.linear) for item in first
         ]
-        listed = refit(search, starts)  # beside what was decided together: none of them is worth its price
+        listed = refit(search, starts)  # for the list only: the joint search has decided that none gains enough
         tried += [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in listed]
     alone = {frozenset(item.names): item for item in reversed(tried) if item.names}
     result = sorted(alone.values(), key=by_cost)
@@ -157,7 +157,7 @@ def select(
 
 
 def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothesis:
-    """A stage's explanation as a hypothesis that is not simulated yet."""
+    """The explanation of a stage as a hypothesis that is not simulated yet."""
     problem, state = together.problem, stage.state
     p = problem.vector(state)
     values = {axis.name: float(p[axis.index]) for axis in search.moving}
@@ -180,7 +180,7 @@ def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothe
 
 
 def _as_refitted(candidate: Candidate) -> Candidate:
-    """A candidate with second parameters in their own units."""
+    """A candidate with second parameters as they are, not as logarithms."""
     axes = []
     for axis in candidate.axes:
         if axis.relative:
@@ -191,21 +191,21 @@ def _as_refitted(candidate: Candidate) -> Candidate:
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:
-    """A hypothesis, from where it stood."""
+    """A hypothesis refitted from its present coordinates."""
     result = refit(search, [search.start_of(again)])
     return result[0] if result else again
 
 
 def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis refitted about where it is."""
+    """A hypothesis refitted, with nuisances linearised about it."""
     search.about(hypothesis)
     return settled(search, _within_numbers(search, [replace(search.start_of(hypothesis), slopes=None)])[0], 1)
 
 
 def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
-    """What refits from these starts find; if all of them leave the range of numbers, what one from the priors does."""
+    """Refits from these starts that do not overflow; if all do, the refit from the prior means."""
     result = refit(search, starts)
-    if not result:  # lags and limits stay where the search is about: there may be no way from them
+    if not result:  # lags and limits keep the values at which the search is linearised: these may be the reason
         search.about(None)
         result = refit(search, [search.start_of(search.at_means())])
     if not result:
@@ -214,9 +214,9 @@ def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]
 
 
 def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains: Array) -> list[Hypothesis]:
-    """The best explanation without each of its effects, and what that costs.
+    """The best explanation without each of its effects, at the cost that the joint search found for it.
 
-    What a trained map leaves is weighed by plain errors, too: there it is simulated without the effect.
+    Under a map with memory, plain errors are weighed, too: there it is simulated without the effect.
     """
     places, result = {name: k for k, name in enumerate(names)}, list[Hypothesis]()
     for name in best.names:
@@ -227,7 +227,7 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
 
 
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
-    """The best explanation with others in the place of each effect, as far as they may explain as much."""
+    """The best explanation with other causes in the place of each effect, as far as they may explain as much."""
     problem, sets, state = together.problem, stage.sets, stage.state
     here, starts, offs = sets.cost(stage.there), list[Start](), list[float]()
     for k in np.flatnonzero(stage.there):
@@ -239,7 +239,7 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
         tried.sort(key=lambda each: each[0])
         rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:
-            if off > CAL.exchange_look and problem.causes[k].gradual:  # of the others first order tells little
+            if off > CAL.exchange_look and problem.causes[k].gradual:  # first order says little about abrupt ones
                 break
             form = problem.causes[other].forms[state.form[other]]
             candidate = _as_refitted(form.candidate)
@@ -256,16 +256,16 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:
-    """Nothing but nuisances, as well as they can do."""
+    """Nuisances alone, at their best."""
     nothing = Start((), np.empty(0), best.theta, best.linear)
     result = _within_numbers(search, [search.start_of(search.at_means()), nothing])
     return settled(search, min(result, key=by_cost))
 
 
 def _recoloured(search: Search, whitening: JointWhitening, base: Hypothesis) -> Hypothesis:
-    """The base in model error as it is beside nothing; as it was, where refits in that leave the range of numbers.
+    """The base in the model error that its own residuals show; unchanged where refits in that overflow.
 
-    What spins has derivatives that no error is told by.
+    The derivatives of a simulation that spins do not determine a model error.
     """
     place, colour = search.place(), search.colour
     search.recoloured(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
@@ -278,7 +278,7 @@ def _recoloured(search: Search, whitening: JointWhitening, base: Hypothesis) -> 
 
 
 def promised(together: JointSearch, stage: JointStage) -> tuple[Promise, ...]:
-    """Of every effect what it would gain by itself beside nuisances, to first order, most first."""
+    """Expected gain of every effect by itself beside nuisances, to first order, largest first."""
     problem, sets = together.problem, stage.sets
     result = []
     nothing = np.zeros(len(problem.causes), dtype=bool)
