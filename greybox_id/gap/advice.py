@@ -1,4 +1,4 @@
-"""What a recording could not tell: how large an effect must be to show, what takes it up, and what to drive."""
+"""What a recording could not show: detection limits of effects, which are absorbed, and what to drive."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ MANOEUVRES = {
     frozenset({"timing"}): "step steers and hard brakings",
     frozenset({"road"}): "the same straight in both directions",
 }
-"""Groups of effects that were not told apart -> what tells them apart."""
+"""Groups of effects that were not distinguished -> the manoeuvre that distinguishes them."""
 
 
 COMMAND = "greybox design gap.json"
-"""What designs the manoeuvre, with the file that greybox gap --out leaves."""
+"""Command that designs the manoeuvre, from the file that greybox gap --out leaves."""
 
 
 def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
-    """The manoeuvre that tells effects apart."""
+    """The manoeuvre that distinguishes effects."""
     groups = frozenset(effects[name].group for name in names if name in effects)
     return MANOEUVRES.get(groups, "a mixed manoeuvre with step steers, hard brakings and a spiral up to the limit")
 
 
 def to_distinguish(names: Sequence[str]) -> str:
-    """How a sentence begins that says what tells effects apart, the likeliest first."""
+    """Beginning of a sentence on how to distinguish effects, the likeliest first."""
     return f"To distinguish {names[0]} from {', '.join(names[1:])}"
 
 
@@ -53,11 +53,11 @@ def advice(
     unread: Collection[str] = (),
     apart: float = 0.0,
 ) -> tuple[str, ...]:
-    """Sentences on what would tell more.
+    """Sentences on what would inform a diagnosis more.
 
     Parameters
     ----------
-    sets : effects that were not told apart, each set with the likeliest first.
+    sets : effects that were not distinguished, each set with the likeliest first.
     weak : effects this recording does not excite.
     effects : by name.
     unread : outputs that no recording holds.
@@ -100,12 +100,12 @@ def unread(examined: Examined) -> tuple[str, ...]:
 
 
 def same_readings(names: Sequence[str]) -> bool:
-    """Whether effects read the same whatever is driven."""
+    """Whether effects produce the same readings whatever is driven."""
     return set(names) in ({"accel_bias_x", "imu_mount_pitch"}, {"accel_bias_y", "imu_mount_roll"})
 
 
 def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Effects this recording does not excite, with what would be seen, and those that tolerances take up."""
+    """Effects below the detection limit of this recording, with that limit, and effects that tolerances absorb."""
     weak, absorbed = {}, []
     for item in examined.selection.promised:
         name, axis = item.candidate.effect, item.candidate.axes[0]
@@ -123,8 +123,9 @@ def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
 
 
 def limits(examined: Examined) -> dict[str, Limit]:
-    """What would show of every effect that was not applied, the least visible first; limits that only a refit tells are
-    left out.
+    """Detection limits of effects that were not applied, the least detectable first.
+
+    Effects whose limit only a refit gives are left out.
     """
     sizes = {}
     for entry in examined.selection.promised:

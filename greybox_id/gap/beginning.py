@@ -1,8 +1,9 @@
-"""Effects that begin within a recording, or end: rain, a tyre that loses pressure, a load that falls off.
+"""Effects that begin or end within a recording: rain, a tyre that loses pressure, a load that falls off.
 
-Constant effects have been weighed before. Where the same effect gains more if it acts in part of the recordings alone,
-it is refitted so, the instant found to first order on a grid and then by simulation, and charged for: for the instants
-at which it might have begun, and for either way. All that is weighed then is refitted where the best of it stands.
+Constant effects have been weighed before. Where an effect gains more by acting in part of the recordings only, it is
+refitted with that part; the instant is estimated to first order on a grid and then by simulation. It is charged for the
+number of possible instants and for both directions. If it is the best explanation, all other hypotheses are refitted
+about it.
 """
 
 from __future__ import annotations
@@ -29,7 +30,14 @@ from .selection import Selection
 
 @dataclass(frozen=True)
 class _Hopeful:
-    """A candidate in part of the rows, what it promises beside a hypothesis, and where its coordinates would be."""
+    """A candidate that acts in part of the rows, beside a parent hypothesis.
+
+    Attributes
+    ----------
+    parent, candidate, rows : the hypothesis, the candidate, and where it acts.
+    gain : expected log-likelihood over the parent's.
+    m : coordinates to first order.
+    """
 
     parent: Hypothesis
     candidate: Candidate
@@ -40,7 +48,7 @@ class _Hopeful:
 
 @dataclass(frozen=True)
 class _Begun:
-    """A hypothesis of which an effect acts in part of the rows, and what refits it."""
+    """A hypothesis one of whose effects acts in part of the rows, and what refits it."""
 
     search: Search
     own: Hypothesis
@@ -52,12 +60,12 @@ def with_beginnings(
     whitener: Callable[[Search, Hypothesis | None], Whitener],
     cost: Costs,
 ) -> Selection:
-    """The selection with effects that begin or end, where one of these is the best of all; else as it was.
+    """The selection with effects that begin or end, if one of these is the best of all; else unchanged.
 
     Parameters
     ----------
     selection : of effects that act everywhere.
-    candidates, whitener, cost : as of `select`.
+    candidates, whitener, cost : all candidates; how residuals are whitened; cost of an effect.
     """
     search = selection.search
     if not isinstance(search.bench, Bench) or not isinstance(search.colour, ModelError):
@@ -87,13 +95,13 @@ def with_beginnings(
 def _hopeful(
     search: Search, parent: Hypothesis, candidates: Sequence[Candidate], cost: Costs, least: float
 ) -> list[_Hopeful]:
-    """Which effects may gain enough by acting in part of the rows alone, to first order, best first.
+    """Effects that may gain enough by acting in part of the rows only, to first order, best first.
 
-    In the form in which they are stated: in others, which are nearer to what tolerances of tyres do, vehicles without
-    a gap gain by them.
+    Second parameters are as stated: in other forms, which resemble tolerances of tyres more, they gain on vehicles
+    without a gap, too.
 
-    Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
-    explanation gains.
+    Enough is more than the same effect gains everywhere by the cost of the instant, and at least a share of what the
+    best explanation gains.
     """
     new = [
         candidate
@@ -119,7 +127,7 @@ def _hopeful(
 
 
 def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
-    """What effects gain by themselves, nuisances and the parent's magnitudes refitted, everywhere and in parts.
+    """Gains of single effects everywhere and in parts of the rows, nuisances and the parent's magnitudes refitted.
 
     Parameters
     ----------
@@ -129,8 +137,8 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     -------
     everywhere : (K,) log-likelihood.
     places : P parts, up to an instant or from it on.
-    gains, steps : (P, K) log-likelihood and magnitudes, to first order; no gain where one side tells too little of an
-        effect: what it is there, tolerances of the other side may then be.
+    gains, steps : (P, K) log-likelihood and magnitudes, to first order; no gain where one side has too little of the
+        effect's information: tolerances may then absorb the effect there.
     """
     rows, channels, count = J.shape
     W, r = search.weighed(J), search.weighed(parent.e[:, :, None])[:, :, 0]
@@ -172,7 +180,7 @@ def _products(A: Array, B: Array) -> Array:
 
 
 def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
-    """A hopeful effect beside its parent, refitted from where the parent is and from where nuisances are believed."""
+    """A hopeful effect beside its parent, refitted from the parent's nuisances and from their prior means."""
     parent = hopeful.parent
     there = _acting(search, hopeful.candidate, hopeful.rows)
     candidates, m = (*parent.candidates, there.candidate), np.append(parent.m, hopeful.m)
@@ -205,7 +213,7 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
 
 
 def _part(bench: Bench, rows: slice) -> ActingRows:
-    """Some rows in words: since when, or until when, by the clock of the recording."""
+    """Rows as the part in which an effect acts: since when, or until when, in the recording's time."""
     begins = rows.start > 0
     row = rows.start if begins else rows.stop
     run = next(k for k, item in enumerate(bench.rows) if item.start <= row < item.stop)
@@ -215,7 +223,7 @@ def _part(bench: Bench, rows: slice) -> ActingRows:
 
 
 def _placed(begun: _Begun) -> _Begun:
-    """The same with its effect beginning or ending at the best row that is found by ever shorter steps."""
+    """The hypothesis with its effect beginning or ending at the best row, by a search with ever smaller steps."""
     best = begun
     rows = len(best.search.bench.time)
     step = rows / (CAL.places / 4)
@@ -230,7 +238,7 @@ def _placed(begun: _Begun) -> _Begun:
 
 
 def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
-    """The same with its effect beginning or ending so many rows later; None where that is not in the middle."""
+    """The hypothesis with its effect beginning or ending `by` rows later; None where that is too near to an end."""
     value, *others = reversed(begun.own.candidates)
     assert value.part is not None
     old = value.part.rows
@@ -250,7 +258,7 @@ def _weighed(
     whitener: Callable[[Search, Hypothesis | None], Whitener],
     score: Callable[[Hypothesis], float],
 ) -> Selection:
-    """A selection in which the best hypothesis acts in part: all of it refitted in the noise that this one leaves."""
+    """The selection about a best hypothesis that acts in part of the rows: all refitted in the noise it leaves."""
     search = best.search
     search.recoloured(whitener(search, best.own))
     search.about(best.own)
@@ -284,14 +292,14 @@ def _weighed(
 
 
 def _rows(hypothesis: Hypothesis, other: ActingRows) -> list[slice]:
-    """Where a hypothesis has its effect act that begins or ends, and where another one has its own."""
+    """Rows in which a hypothesis' effect acts that begins or ends, and those in which another one does."""
     part = hypothesis.candidates[-1].part
     assert part is not None
     return [part.rows, *([other.rows] if other.rows != part.rows else [])]
 
 
 def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
-    """The search in which a hypothesis' effects act where they do."""
+    """The search on a bench where a hypothesis' effects act in their parts of the rows."""
     for candidate in hypothesis.candidates:
         bench = search.bench
         if candidate.part is not None and isinstance(bench, PartBench):
@@ -303,10 +311,10 @@ def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
 
 
 def _place(bench: Bench, candidate: Candidate) -> int:
-    """Where a candidate's magnitude stands among the model's parameters."""
+    """Index of a candidate's magnitude among the model's parameters."""
     return [parameter.name for parameter in bench.model.parameters].index(candidate.axes[0].name)
 
 
 def of_gain(step: float, target: float) -> float:
-    """Share of a gain that is left of a step cut short by a bound: beyond it nothing can be promised."""
+    """Share of a predicted gain that remains where a bound cuts the step short: the model of the gain is a parabola."""
     return 1 - (1 - step / target) ** 2 if target != 0 else 1.0

@@ -71,8 +71,8 @@ def budget(
     names : of the effects, in order.
     sd : (channels,) of noise.
     good : (N, channels) readings that count.
-    bench : whose blocks are drawn.
-    recordings : names of what the misfits are on.
+    bench : whose blocks are resampled.
+    recordings : names of those that the misfits are on.
     held_out : whether these chose nothing.
     """
     sets = subsets(names)
@@ -80,7 +80,7 @@ def budget(
     rows = np.sum(good, axis=1)
     edges = blocks(bench)
     sums = np.array([[np.sum(squares[item][a:b]) for item in sets] + [np.sum(rows[a:b])] for a, b in edges])
-    # where some effects make it spin without the others, or are not of first order, that says nothing
+    # sets in which the vehicle spins without the other effects, or first order does not hold, count as no worse
     sums[:, 1:-2] = np.minimum(sums[:, 1:-2], np.maximum(sums[:, :1], sums[:, -2:-1]))
     charges = np.array([misfits[item].charge for item in sets])
     without = [sets.index(frozenset(names) - {name}) for name in names]
@@ -89,14 +89,14 @@ def budget(
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
         excess, floor = over(E)
-        E = np.minimum(E, E[0] + excess)  # where effects make it spin, how much worse they are says nothing
-        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # some of them may without the others: they explain nothing
+        E = np.minimum(E, E[0] + excess)  # where the vehicle spins, the size of the error says nothing
+        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets in which it spins explain nothing
         closed = weights @ E / excess
         beside = [(E[k] - E[-1]) / max(E[k] - floor, CAL.least_gap) for k in without]
         return np.concatenate([closed, [(E[-1] - floor) / excess], beside])
 
     def over(E: Array) -> tuple[float, float]:
-        floor = float(min(1.0, E[0], E[-1]))  # noise has no more than is left
+        floor = float(min(1.0, E[0], E[-1]))  # noise is no larger than the errors
         return max(float(E[0]) - floor, CAL.least_gap), floor
 
     whole = np.sum(sums, axis=0)
@@ -115,7 +115,7 @@ def budget(
 
 
 def _weight(name: str, value: Set, n: int) -> float:
-    """How the error with a set of effects counts in the Shapley value of one of them."""
+    """Weight of the error with a set of effects in the Shapley value of one of them."""
     if name in value:
         return -factorial(len(value) - 1) * factorial(n - len(value)) / factorial(n)
     return factorial(len(value)) * factorial(n - len(value) - 1) / factorial(n)
@@ -124,7 +124,7 @@ def _weight(name: str, value: Set, n: int) -> float:
 def shared_out(
     examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
 ) -> Budget | None:
-    """Which share of the excess each effect of a hypothesis closes, on what was held out if there is any."""
+    """The budget of a hypothesis' effects, on the held-out recordings if there are any."""
     names = best.names
     if len(names) > CAL.few:
         return _of_many(examined, best, held_out, tell)
@@ -140,7 +140,7 @@ def shared_out(
         for subset in subsets(names)[:-1]:
             try:
                 misfits[subset], _ = left(subset, [whole.values], whole.trust)
-            except BadInput:  # some effects without the others may leave the range of numbers
+            except BadInput:  # with some effects alone, simulations may overflow
                 if not subset:
                     raise
                 misfits[subset] = misfits[frozenset()]
@@ -181,9 +181,10 @@ def _of_held_out(
 
 
 def _as_good_as_without(examined: Examined, names: tuple[str, ...]) -> None:
-    """Refit sets that leave more than without one of their effects from what tolerances are there.
+    """Refit sets that leave a larger error than without one of their effects, from the tolerances without it.
 
-    Magnitudes are held, so that a set may truly leave more; but refits of free runs that differ by much end elsewhere.
+    Magnitudes are held, so that a set may really be worse; but refits of free runs that differ by much end in other
+    optima.
     """
     search, freed = examined.selection.search, examined.freed
     for whole, less in _better_without(names, freed):
@@ -193,7 +194,7 @@ def _as_good_as_without(examined: Examined, names: tuple[str, ...]) -> None:
 
 
 def _better_without(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
-    """Sets that leave more than without one of their effects, and what is left without it; small sets first."""
+    """Sets that leave a larger error than without one of their effects, with the refit without it; small sets first."""
     for whole in subsets(names):
         for name in sorted(whole):
             if each[whole - {name}].cost < each[whole].cost:
@@ -201,7 +202,7 @@ def _better_without(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterat
 
 
 def _where_found(examined: Examined, best: Hypothesis) -> list[Mapping[str, float]]:
-    """Parameters where a hypothesis was found, and where free runs of what was diagnosed are at their best."""
+    """Parameter values of a hypothesis as it was refitted, and with tolerances refitted to free runs."""
     search = examined.selection.search
     return [search.values(best), search.values(examined.at_its_best(best))]
 
@@ -209,7 +210,7 @@ def _where_found(examined: Examined, best: Hypothesis) -> list[Mapping[str, floa
 def _of_many(
     examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
 ) -> Budget | None:
-    """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
+    """The budget of many effects: in sets between none and all, contributions add up to first order."""
     names = best.names
     search = examined.selection.search
     if held_out:
@@ -242,7 +243,7 @@ def _of_many(
 
 
 def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:
-    """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
+    """Effect of the best hypothesis -> index of its magnitude's parameter -> the value without the effect."""
     same = search is examined.selection.search
     places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
     mains = {each.effect: each.axes[0] for each in best.candidates}
@@ -250,7 +251,7 @@ def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, d
 
 
 def closes(shared: Budget | None, name: str) -> float:
-    """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
+    """The probability that an effect closes as much as a cause does; one where its share is not known."""
     if shared is None or (value := shared.judged(name)) is None:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
@@ -258,11 +259,11 @@ def closes(shared: Budget | None, name: str) -> float:
 
 
 def weak(shared: Budget, name: str) -> Share | None:
-    """What an effect closes, if a cause closes more."""
+    """The share of an effect, if it is less than a cause closes."""
     share = shared.judged(name)
     return share if share is not None and share.share < _least_share(shared) else None
 
 
 def _least_share(shared: Budget) -> float:
-    """The share from which on an effect is a cause: on the recordings that chose it, any that does no harm."""
+    """Share from which on an effect is a cause: on the recordings that chose it, any that is not negative."""
     return CAL.least_share if shared.held_out else 0.0

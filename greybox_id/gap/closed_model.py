@@ -1,4 +1,4 @@
-"""The closed model: the nominal one with the effects that are causes, and its tolerances where recordings have them."""
+"""The closed model: the nominal one with the effects that are causes, and with tolerances estimated."""
 
 from __future__ import annotations
 
@@ -32,20 +32,21 @@ HARMS = "held-out errors are larger with it, whether or not the other parameters
 def closed_model(
     examined: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording], shared: Budget | None = None
 ) -> tuple[Diagnosed, Closure | None, str]:
-    """The closed model, how far it closes the gap on what was held out, and why its effects are none of it, if so.
+    """The closed model, how far it closes the gap on held-out recordings, and why its effects are no causes, if so.
 
-    Tolerances stay where they are stated, or go where the effects were found, or where fits take free
-    runs: what errs least on what was held out counts; without that, on what was diagnosed. That choice is all that
-    recordings held out decide: the share that closes is of tolerances refitted there, and does not depend on it.
-    Fits begin where the effects were found; where they end worse than as stated, again at the stated tolerances.
+    There are several candidates for its tolerances: as stated, as estimated with the effects, and as fitted to free
+    runs. The one with the smallest errors on held-out recordings is taken; without these, on the diagnosed ones. That
+    choice is all that held-out recordings decide: the share that closes is computed with tolerances refitted to them,
+    and does not depend on it. Fits begin at the estimates; where they end worse than as stated, again at the stated
+    values.
 
     Parameters
     ----------
     best : the causes.
-    detected : whether there is a gap: without one, the model is the nominal one, or where it errs as its numbers are
-        stated, though tolerances explain that, the same with these where they were found.
+    detected : whether there is a gap: without one, the model is the nominal one; if that errs as its numbers are
+        stated, though tolerances explain the error, it may have the estimated tolerances.
     held_out : recordings that chose no effect.
-    shared : the causes' budget, if that is known: it has refitted tolerances there already.
+    shared : the causes' budget, if known: it has refitted tolerances to the held-out recordings already.
     """
     added, nominal = with_effects(examined, best), with_effects(examined, best, set())
     simulator = Simulator(added) if isinstance(added, MotionModel) else None
@@ -64,7 +65,7 @@ def closed_model(
             return [between(added.outputs, before, each, examined.sd) for each in after]
 
         errors = err(ways)
-        if fitted and _least(errors) == 0:  # they began where only unknown forces hold the car
+        if fitted and _least(errors) == 0:  # fits began where simulations need unknown forces
             again = _fitted(examined, best, added, _counted(examined, best))
             ways, errors = [*ways, *again], [*errors, *err(again)]
     least = _least(errors)
@@ -85,25 +86,25 @@ def closed_model(
 
 
 def _errs_as_stated(examined: Examined) -> bool:
-    """Whether free runs of the model exceed noise as its numbers are stated."""
+    """Whether free runs of the model at its stated numbers exceed noise."""
     bench = examined.bench
     e = (bench.simulate(bench.model.values[None])[0] - bench.measured) / examined.sd
     return bool(np.mean(e[examined.good] ** 2) > 1.0 + CAL.shows) if np.any(examined.good) else False
 
 
 def with_effects(examined: Examined, best: Hypothesis, present: Collection[str] | None = None) -> Diagnosed:
-    """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated.
+    """The model with a hypothesis' effects at their magnitudes; tolerances keep their stated values.
 
     Parameters
     ----------
-    present : those of them that act, the others stand at their null or tolerance; None: all of them. The equations are
-        the same whichever act, so that they share a compiled kernel.
+    present : those of them that act, while the others stay at their null or tolerance; None: all of them. The equations
+        do not depend on which act, so that they share a compiled kernel.
     """
     model = examined.model
     for candidate, at in best.parts:
         effect = examined.effects[candidate.effect]
         acts = present is None or candidate.effect in present
-        acts = acts and (candidate.part is None or candidate.part.lasts)  # what comes after the recordings
+        acts = acts and (candidate.part is None or candidate.part.lasts)  # the model is for after the recordings
         values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
         if effect.parameter.name not in model:
             model = model + effect.at(values[0] if acts else float(effect.parameter.array))
@@ -116,7 +117,7 @@ def with_effects(examined: Examined, best: Hypothesis, present: Collection[str] 
 
 
 def _as_they_end(examined: Examined, best: Hypothesis) -> list[Recording]:
-    """The recordings from where every effect that begins or ends has done so: the closed model is of that vehicle."""
+    """The recordings from where all effects that begin or end have done so: the closed model is of that vehicle."""
     first, row = max(
         (place_of(examined, candidate.part)[::2] for candidate in best.candidates if candidate.part is not None),
         default=(0, 0),
@@ -126,40 +127,40 @@ def _as_they_end(examined: Examined, best: Hypothesis) -> list[Recording]:
 
 
 def place_of(examined: Examined, part: ActingRows) -> tuple[int, int, int]:
-    """Which recording and which run of it, from 0, an effect begins or ends in, and at which row of the recording."""
+    """Index of the recording and of its run in which an effect begins or ends, and the row of the recording."""
     at = part.until if part.since is None else part.since
     assert at is not None
-    holding = [  # names need not be unique, and clocks may begin anew
+    holding = [  # names need not be unique, and times may start anew
         (k, n, start + int(np.searchsorted(recording.time[start:stop], at)))
         for k, recording in enumerate(examined.recordings)
         if recording.name == part.recording
         for n, (start, stop) in enumerate(recording.runs)
         if recording.time[start] <= at <= recording.time[stop - 1]
     ]
-    return next((item for item in holding if item[1] == part.run - 1), holding[0])  # an excerpt counts runs of its own
+    return next((item for item in holding if item[1] == part.run - 1), holding[0])  # excerpts number their runs anew
 
 
 def _moved_along(examined: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
-    """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
+    """The closed model with the tolerances that were estimated together with its effects."""
     search = examined.selection.search
     p, entry = search.vector(best), {axis.index for axis in best.axes}
     moved = [axis for axis in search.moving if axis.name in examined.model and axis.index not in entry]
-    at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves reach beyond
+    at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves have none
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
 def _fitted(
     examined: Examined, best: Hypothesis, begin: Diagnosed, noise: Array
 ) -> list[tuple[MotionModel, Simulator]]:
-    """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; with what simulates.
+    """The closed model fitted to free runs: its tolerances, or these and the causes' magnitudes; with simulators.
 
-    Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
-    of it must move together.
+    Magnitudes were estimated beside unknown forces and with linearised tolerances: where a vehicle's file is far off,
+    all parameters must move together.
 
     Parameters
     ----------
     begin : the closed model where fits begin.
-    noise : (outputs,) what a reading counts as.
+    noise : (outputs,) sd with which readings are weighed.
     """
     if not isinstance(begin, MotionModel):
         return []
@@ -188,7 +189,7 @@ def _fitted(
 
 
 def _counted(examined: Examined, best: Hypothesis) -> Array:
-    """(outputs,) what a reading counts as in free runs: the spread of what is left, over how long that is alike."""
+    """(outputs,) sd of readings in free runs: spread of errors, times the root of their correlation time."""
     value, counted = examined.at_its_best(best), []
     for good, e in zip(examined.good.T, value.e.T, strict=True):
         spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
@@ -198,7 +199,7 @@ def _counted(examined: Examined, best: Hypothesis) -> Array:
 
 
 def moved(examined: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:
-    """Tolerances that a closed model has elsewhere than stated, by more than a standard deviation; furthest first."""
+    """Tolerances that a closed model has more than a standard deviation from their stated values; furthest first."""
     known, causes = [], {axis.name for axis in best.axes}
     for parameter in with_beliefs(examined.model, examined.effects, examined.vehicle).parameters:
         if (
@@ -220,7 +221,7 @@ def moved(examined: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Move
 
 
 def _least(errors: Sequence[tuple[Errors, ...]]) -> int:
-    """Which way errs least; the first where nothing is known."""
+    """Index of the way with the smallest errors; the first where none is known."""
     return min(range(len(errors)), key=lambda k: _size(errors[k], "after"), default=0)
 
 

@@ -1,6 +1,6 @@
-"""How far a gap closes: errors before and after, over what noise alone would leave.
+"""How far a gap closes: errors before and after, over those that noise alone would leave.
 
-Stated tolerances are refitted in both, and what they cost is charged to both.
+Stated tolerances are refitted in both, and both are charged for them.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ def closure(
     ----------
     before, after : the model as stated, and with effects at their magnitudes.
     recordings : on which both are simulated.
-    vehicle : what is stated: tolerances and sensor noise.
+    vehicle : its stated tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
-    horizons : whether errors over fixed horizons are wanted too.
+    horizons : whether to compute errors over fixed horizons, too.
     sd : as of `refitted_tolerances`.
-    as_it_stands : the model whose errors over horizons these are, with tolerances elsewhere; None takes `after`.
+    as_it_stands : the model whose errors over horizons are computed, with other tolerances; None takes `after`.
     """
     stands = as_it_stands or after
     there = {parameter.name: float(parameter.array) for parameter in stands.parameters if parameter.shape == ()}
@@ -66,7 +66,7 @@ def closure(
 def closed_by(
     before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns, names: tuple[str, ...]
 ) -> Closure:
-    """The closure that two misfits are.
+    """The closure from one misfit to another.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def closed_by(
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([before.charge, after.charge])
 
-    floor = min(1.0, (float(np.sum(then)) + charges[1]) / count)  # noise has no more than is left
+    floor = min(1.0, (float(np.sum(then)) + charges[1]) / count)  # noise is no larger than the errors
 
     def share(total: Array) -> float:
         E0, E1 = (total[:2] + charges) / total[2]
@@ -101,7 +101,7 @@ def on_held_out(recordings: Sequence[Recording]) -> str:
 
 
 def left_open(closure: Closure) -> Closure:
-    """What a closure is where nothing is applied: errors stay as they were."""
+    """The closure where no effect is applied: errors stay as they were."""
     errors = tuple(replace(error, after=error.before) for error in closure.errors)
     return replace(
         closure,

@@ -1,11 +1,11 @@
-"""From likelihoods to probabilities: which effects are present, and is there anything at all.
+"""From likelihoods to probabilities: which effects are present, and whether any is.
 
-Every refitted hypothesis gets a weight: the likelihood it gains, less what each further effect costs. An effect whose
-magnitude differs between parts of a drive costs more, by as much as that widens the variance of the whole. Where
-models know no unknown forces and tolerances are stated, equations are stated to be rough too, and misfits of their form
-gain likelihood here and there in proportion to how much was read, for which readings count for less in refits already,
-and to how much the best hypothesis leaves: that tempers weights. An effect's probability is the weight of the
-hypotheses that hold it.
+Every refitted hypothesis has a weight: the likelihood it gains, less a cost for each effect. An effect whose magnitude
+differs between parts of a drive costs more, by as much as that widens the variance of its magnitude. Where models have
+no unknown forces and tolerances are stated, equations are inexact, and model-form errors gain likelihood by chance: in
+proportion to the number of readings, which is why a reading counts for less in refits already, and to the error that
+the best hypothesis leaves. Weights are tempered by that. An effect's probability is the weight of the hypotheses that
+contain it.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from .estimation.noise import Colour
 from .selection import Selection
 
 NEVER = 1e6
-"""What an effect costs that does nothing but move readings past rows."""
+"""Cost of an effect that only moves readings past rows."""
 Costs = Callable[[str], float]
-"""Log-odds against an effect before anything was read, by its name."""
+"""Prior log-odds against an effect, by its name."""
 
 
 NONE: Mapping[str, float] = MappingProxyType({})
@@ -38,11 +38,11 @@ Unsteady = Callable[[Hypothesis], Sequence[float]]
 
 
 def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
-    """Those of models that know unknown forces, or of others.
+    """Prior log-odds against effects, for models with or without unknown forces.
 
-    Twice what noise and tolerances gain by an effect is distributed as chi-square of one degree of freedom: the cost is
-    what the best of all candidates rarely gains. Where a tolerance beside an effect acts abruptly and enters to first
-    order alone, as those of delays and lags do, the effect may gain more by being simulated.
+    By noise and tolerances, twice the gain of an effect is distributed as chi-square of one degree of freedom: the cost
+    is a gain that the best of all candidates rarely reaches. Where a tolerance beside an effect acts abruptly and
+    enters to first order alone, as those of delays and lags do, the effect may gain more just by being simulated.
     """
     if not forces:
         return lambda effect: CAL.cost_without_forces
@@ -53,15 +53,15 @@ def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
 
 @dataclass(frozen=True)
 class Evidence:
-    """What hypotheses weigh.
+    """Weights of hypotheses.
 
     Attributes
     ----------
-    temper : what log-likelihoods of readings are multiplied with.
+    temper : factor on the log-likelihoods of readings.
     weights : of `selection.tried`, and the base last; they add up to one.
-    scores : of `selection.tried`, over the base's.
-    outdone : effect -> what multiplied its cost, of those that would be part of the best explanation without that.
-    even : weights if no cost were multiplied: which name is nearest among those that are none.
+    scores : log weights of `selection.tried` over the base's.
+    outdone : effect -> factor on its cost, for effects that would be part of the best explanation without it.
+    even : weights with all these factors at one, which rank effects that are not called causes.
     """
 
     temper: float
@@ -78,10 +78,10 @@ def evidence(
 
     Parameters
     ----------
-    selection : hypotheses refitted on the same noise.
+    selection : hypotheses refitted with the same noise model.
     rough : whether tolerances are stated.
     cost : of effects.
-    left : mean square over that of noise, less one, of what the best of them leaves.
+    left : mean square of the best hypothesis' errors over that of noise, less one.
     unsteady : how magnitudes of hypotheses' effects differ between parts; None: not at all.
     """
     search = selection.search
@@ -100,31 +100,32 @@ def evidence(
 
 
 def _weights(scores: Sequence[float]) -> tuple[float, ...]:
-    """Of hypotheses with these scores, and of the base, which has none, last."""
+    """Weights of hypotheses with these scores, and last that of the base, whose score is zero."""
     total = np.array([*scores, 0.0])
     weights = np.exp(total - np.max(total))
     return tuple(weights / np.sum(weights))
 
 
 def heaviest(selection: Selection, evidence: Evidence) -> Hypothesis:
-    """The hypothesis that weighs most, where those with effects outweigh the base together: aliases share a weight."""
+    """The hypothesis of largest weight, where all with effects together outweigh the base: aliases share a weight."""
     if not selection.tried or evidence.weights[-1] >= 0.5:
         return selection.base
     return selection.tried[int(np.argmax(evidence.scores))]
 
 
 def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
-    """What gains in log-likelihood are multiplied with."""
+    """Factor on gains in log-likelihood."""
     each = CAL.rough_reading + CAL.misfit_share * max(left, 0.0) / 2
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
 def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unsteady: Unsteady) -> dict[str, float]:
-    """Effect -> by what its cost grows: as the best hypothesis that holds it has it, if that is worth its least price.
+    """Effect -> factor on its cost, from its unsteadiness in the best hypothesis that contains it.
 
-    The same in all of them: else a partner beside which a large effect differs a little less would seem to gain that.
-    It says whether an effect is there, not which: where one gains more than it must by far, up to twice as much, its
-    cost falls back, for names that explain the same surely are told apart by what they gain.
+    It is one where that hypothesis does not gain its least price, and the same in all hypotheses: otherwise a partner
+    beside which a large effect differs a little less would seem to gain the difference. It decides whether an effect is
+    present, not which: between once and twice the gain that is needed it falls back to one, so that effects that surely
+    explain the same are distinguished by their gains.
     """
     tried, best = selection.tried, dict[str, int]()
     for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
@@ -143,12 +144,12 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unstea
 
 
 def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:
-    """What a hypothesis costs for being complicated, or for an effect that does nothing but move readings past rows.
+    """Cost of a hypothesis: for each effect and second parameter, and for effects that only move readings past rows.
 
     Parameters
     ----------
-    hypothesis, cost : of effects.
-    stretches : effect -> what multiplies its cost; one where there is none.
+    hypothesis, cost : a hypothesis, and the cost of effects.
+    stretches : effect -> factor on its cost; one where none is given.
     """
     total = 0.0
     for item, at in hypothesis.parts:
@@ -163,9 +164,9 @@ def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = 
 
 
 def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float]:
-    """What each costs: as much as the dearest that explains the same, with as many effects.
+    """Prices of hypotheses: each is the highest among those that explain the same with as many effects.
 
-    Where two names are one cause, nothing that was read says which: a lower cost must not decide it.
+    Where two names are one cause, the readings cannot distinguish them: a lower cost must not do so.
     """
     return [
         max(
@@ -183,7 +184,7 @@ def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float
 
 
 def probability(evidence: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
-    """That an effect is present, or any of several: the weight of the hypotheses that hold it."""
+    """The probability that any of these effects is present: the weight of the hypotheses that contain one."""
     value = [
         weight for weight, each in zip(evidence.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
     ]
@@ -191,26 +192,26 @@ def probability(evidence: Evidence, tried: Sequence[Hypothesis], *effects: str) 
 
 
 def p_value(gain: float, axes: int, candidates: int) -> float:
-    """How often the best of so many candidates gains so much from noise alone (Bonferroni)."""
+    """How often the best of `candidates` candidates gains as much from noise alone (Bonferroni)."""
     return float(min(1.0, candidates * chdtrc(max(axes, 1), 2 * max(gain, 0.0))))
 
 
 def by_chance(score: float) -> float:
-    """How often a vehicle without a gap scores so, by errors of form that an effect mimics: as rarely as costs say."""
+    """How often a vehicle without a gap scores as much by form errors that an effect mimics: as rarely as costs say."""
     return float(min(1.0, CAL.rare * np.exp(-max(score, np.log(CAL.rare)))))
 
 
 def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selection:
-    """The selection with hypotheses that cost as much as plain errors say, where that is more.
+    """The selection with the costs of hypotheses by plain errors, where these are higher.
 
-    Training minimises plain errors, and leaves coloured ones. Whitening looks at what is fast in them, at which
-    training never looked: there an effect seems to explain what other weights would explain as well, even on a
-    recording like those of the training, and plain errors grow with it. An effect gains what it gains in both.
+    Training minimises plain errors, and leaves correlated ones. Whitening emphasises their fast part, which training
+    did not: an effect then seems to explain what other weights would explain as well, even on a recording like those of
+    the training, while plain errors grow with it. The gain of an effect is the smaller of the two.
 
     Parameters
     ----------
     selection : of a map with memory, hypotheses refitted on whitened residuals.
-    sd : (channels,) of what training left.
+    sd : (channels,) of the errors that training left.
     good : (N, channels) readings that count.
     """
     colour = selection.search.colour
@@ -227,6 +228,6 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
 
 
 def _lasting(colour: Colour) -> Array:
-    """(channels,) how many rows tell as much as one would if residuals did not carry on from row to row."""
+    """(channels,) number of rows with as much information as one independent reading."""
     slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(colour.sd, colour.ar, strict=True)])
     return np.asarray(np.maximum((slow / colour.stationary_sd) ** 2, 1.0))

@@ -1,4 +1,4 @@
-"""The answer of a diagnosis: where simulation and vehicle part, which effect causes it, how far it shrinks with it."""
+"""The answer of a diagnosis: where a simulation deviates, which effect causes it, how far the gap shrinks with it."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from .estimation.strip import Strip
 from .estimation.wandering import Wander
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
-"""What a diagnosis looks at, in this order."""
+"""Channels that a diagnosis examines, in this order."""
 
 REGIMES = (
     *("any", "straight", "lateral", "high_lateral", "transient", "acceleration", "braking", "combined", "high_speed"),
     "time_drift",
 )
-"""Where a gap may lie, in words of driving."""
+"""Driving regimes in which a gap may lie."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,11 @@ class Where:
     Attributes
     ----------
     channel : the channel that deviates most; one of `CHANNELS`, "" where there is no gap.
-    regime : the regime it prefers; one of `REGIMES`.
-    equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of what could be gained.
+    regime : the regime that holds more than its share of the gap; one of `REGIMES`.
+    equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of the log-likelihood to be
+        gained.
     time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.
-        Where clocks begin anew, runs are laid one behind the other.
+        Where recordings' times start anew, runs are put one after the other.
     channels : channel -> root mean square of its errors over that of its noise.
     regimes : regime -> (share of the time, share of the gap).
     """
@@ -55,14 +56,14 @@ class Ranked:
     effect : its name.
     probability : that it is present.
     magnitude, unit, interval : its estimate, its unit, 95 % interval.
-    indistinguishable_from : effects this recording cannot tell it from.
+    indistinguishable_from : effects that this recording cannot distinguish from it.
     gain : of the log-likelihood over the model without it, beside the other applied effects.
-    reason : why it is not applied though it is of the best explanation, or surely there; "" otherwise.
-    since, until : s, by the clock of `within`, where it begins or ends there; None where it acts from the start, or to
+    reason : why it is not applied although it is part of the best explanation, or certain; "" otherwise.
+    since, until : s, in the time of `within`, where it begins or ends there; None where it acts from the start, or to
         the end.
     within : name of the recording, and of its run if it has several, in which it begins or ends; "" where it acts
         everywhere.
-    others : its second parameters that are elsewhere than usual, by name: where wind blows to.
+    others : its second parameters that differ from their usual values, by name: the direction of wind.
     """
 
     effect: str
@@ -80,23 +81,23 @@ class Ranked:
 
     @property
     def lasts(self) -> bool:
-        """Whether it acts at the end of the recordings, so that a vehicle as it then is has it."""
+        """Whether it acts at the end of the recordings, and so is part of the vehicle afterwards."""
         return self.until is None
 
 
 @dataclass(frozen=True)
 class CauseClass:
-    """Effects that act alike on these recordings, one of which is there.
+    """Effects that act alike on these recordings, one of which is present.
 
-    Which act alike is worked out from the recordings: each member, in the place of the first and everything else
-    refitted, explains them as well.
+    Which act alike follows from the recordings: each member, in the place of the first and everything else refitted,
+    explains them as well.
 
     Attributes
     ----------
     members : likeliest first.
-    probability : that one of them is there.
+    probability : that one of them is present.
     each : member -> probability that it is the one.
-    applied : the member that the closed model has; "" where it has none.
+    applied : the member in the closed model; "" where there is none.
     """
 
     members: tuple[str, ...]
@@ -111,8 +112,8 @@ class Closure:
 
     Attributes
     ----------
-    before, after, floor : mean square of the errors over that of the noise, all channels alike; the floor is one, or
-        less where less is left.
+    before, after, floor : mean square of the errors over that of the noise, with equal weight for all channels; the
+        floor is one, or less where errors are less.
     closed : (before - after) / (before - floor); negative where the effect makes predictions worse.
     closed_interval : 95 %, from paired blocks.
     recordings : names of those it was measured on.
@@ -129,7 +130,7 @@ class Closure:
 
     @property
     def shows(self) -> bool:
-        """Whether there is enough of a gap in free run, tolerances refitted, that shares of it say something."""
+        """Whether the gap in free run, tolerances refitted, is large enough for shares of it to be meaningful."""
         return bool(max(self.before, self.after) - self.floor >= CAL.shows)
 
 
@@ -145,17 +146,18 @@ class Share:
 
 @dataclass(frozen=True)
 class Budget:
-    """Where the excess error goes.
+    """Which share of the excess error each effect closes.
 
     Attributes
     ----------
-    shares : of the effects that were found, in their order.
-    unnamed : of what no effect closes; its name is "unexplained".
+    shares : of the applied effects, in their order.
+    unnamed : the share that no effect closes; its name is "unexplained".
     recordings : on which it was measured.
     held_out : whether these chose nothing.
-    shows : whether there is enough of it that shares say something.
+    shows : whether the excess is large enough for shares to be meaningful.
     beside : of each effect, which share it closes of the excess that all others leave.
-    together : held out, how far all of them close it: by the same refits, or a page has two answers.
+    together : held out, how far all effects together close the gap, from the same refits, so that a report agrees with
+        itself.
     """
 
     shares: tuple[Share, ...]
@@ -171,9 +173,9 @@ class Budget:
         return next((share for share in self.shares if share.effect == effect), None)
 
     def judged(self, effect: str) -> Share | None:
-        """What an effect is judged by: what it closes of what all others leave; small causes stand beside large ones.
+        """The share by which an effect is judged: of the excess that all others leave, as some causes are small.
 
-        Its share of the whole where the others are not known to be causes: of an effect alone both are the same.
+        Its share of the whole where the others are not known to be causes: for a single effect both are the same.
         """
         return next((share for share in self.beside if share.effect == effect), self.of(effect))
 
@@ -188,18 +190,18 @@ class Budget:
 
 @dataclass(frozen=True)
 class Unnamed:
-    """Model error that is left beside the best explanation, and what nuisances and noise say of it.
+    """Remaining model error beside the best explanation, with the strain of nuisances and the noise.
 
     Attributes
     ----------
     share_y, share_x : standard deviation of unknown lateral and longitudinal forces, over the forces themselves.
-    floor_y, floor_x : of those beside that, m/s^2.
+    floor_y, floor_x : standard deviation of the unknown forces in addition to that, over the mass, m/s^2.
     memory_y, memory_x : their correlation times, s.
-    tolerances : what nuisances cost, twice their negative logarithm of prior; chi-square about `expected` where
-        everything is as stated.
+    tolerances : cost of nuisances, twice their negative log prior; chi-square about `expected` where everything is as
+        stated.
     worst : the nuisance that is furthest from its mean, and by how many standard deviations.
-    noise : channel -> noise over what is stated.
-    expected : how many nuisances the recordings tell of; NaN in files of before.
+    noise : channel -> noise over its stated size.
+    expected : how many nuisances the recordings determine; NaN in files of earlier versions.
     """
 
     share_y: float
@@ -215,7 +217,7 @@ class Unnamed:
 
     @property
     def strain(self) -> float:
-        """Log-likelihood by which tolerances are further off than they are if all of them are as stated."""
+        """Log-likelihood by which tolerances deviate more than they would if all were as stated."""
         if not isfinite(self.expected):
             return 0.0
         usual = self.expected + CAL.strained * sqrt(2.0 * self.expected)
@@ -235,13 +237,13 @@ class Unnamed:
 
 @dataclass(frozen=True)
 class Moved:
-    """A tolerance that the closed model has elsewhere than stated.
+    """A parameter with a tolerance whose value in the closed model differs from the stated one.
 
     Attributes
     ----------
     name, unit : the parameter's.
-    stated, sd : what is believed of it.
-    value : where the closed model has it.
+    stated, sd : its stated value and tolerance.
+    value : in the closed model.
     """
 
     name: str
@@ -252,22 +254,22 @@ class Moved:
 
     @property
     def far(self) -> float:
-        """How far it moved, in standard deviations of what is stated."""
+        """Distance from the stated value, in its standard deviations."""
         return abs(self.value - self.stated) / self.sd
 
 
 @dataclass(frozen=True)
 class Limit:
-    """What would show of an effect that is not there.
+    """Detection limit of an effect that is not present.
 
     Attributes
     ----------
-    size : the least magnitude that would, twice its standard deviation away from nothing; of limits, which act the
-        more the lower they are, the largest. Infinite (of limits: zero) where none within the effect's bounds would.
+    size : the least magnitude that would be detected, twice its standard deviation; of limits, which act the more the
+        lower they are, the largest. Infinite (of limits: zero) where none within the effect's bounds would be.
     typical : its usual magnitude.
     unit : of both.
     share : of twice the standard deviation in the usual size: above one the usual size is below the detection limit.
-    told : share of what the recordings say of it that stated tolerances do not take up.
+    told : share of the recordings' information about it that stated tolerances do not absorb.
     """
 
     size: float
@@ -279,33 +281,33 @@ class Limit:
 
 @dataclass(frozen=True)
 class Gap:
-    """What a diagnosis says.
+    """The answer of a diagnosis.
 
     Attributes
     ----------
     model : name of the model that was diagnosed.
-    recordings : names of what it was diagnosed on.
+    recordings : names of those it was diagnosed on.
     doubts : sentences on the data, which come before everything else.
-    gap_detected, p_value : is there more than noise and stated tolerances; how often noise alone would look so.
+    gap_detected, p_value : whether there is more than noise and stated tolerances; how often noise alone would look so.
     unknown_probability : that there is an unmodelled effect.
     unknown : its shape in a sentence; "" where nothing is unknown.
     where : see `Where`.
     ranking : the effects that may be the cause, most probable first.
     applied : effects that the closed model has.
-    classes : of what acts alike, one for each effect of the best explanation, likeliest first.
+    classes : of effects that act alike, one for each effect of the best explanation, likeliest first.
     gap : how far the gap shrinks on the diagnosed recordings themselves.
     held_out : the same on recordings never used for choosing; None where none were given.
-    not_excited : effect -> how small it could be without showing here (twice its standard deviation), with unit.
-    absorbed : effects that stated tolerances or free parameters would take up.
-    advice : sentences on what could not be told, and the manoeuvre that would tell it.
+    not_excited : effect -> how small it could be without being detected (twice its standard deviation), with unit.
+    absorbed : effects that stated tolerances or free parameters would absorb.
+    advice : sentences on what could not be distinguished, and the manoeuvre that would do so.
     closed : the model with the applied effects at their magnitudes.
-    strip : for pictures.
-    limits : effect that is not applied -> what would show of it, as far as derivatives tell.
-    noise_stated : whether sensor noise is; else it is what the best explanation leaves, which proves nothing.
-    budget : where the excess error goes; None where no effect was found.
-    unnamed : model error that is left; None for models that know no forces.
-    resembles : effects that what is unknown looks like if their magnitudes vary all the time, likeliest first.
-    moved : tolerances that the closed model has further than one sd from where they are stated, furthest first.
+    strip : data of pictures.
+    limits : effect that is not applied -> its detection limit, as far as derivatives give it.
+    noise_stated : whether sensor noise is; else it is the error that the best explanation leaves, which proves nothing.
+    budget : shares of the excess error; None where no effect was found.
+    unnamed : remaining model error; None for models without unknown forces.
+    resembles : effects whose magnitudes, if they varied all the time, would produce the unknown part, likeliest first.
+    moved : tolerances that differ in the closed model by more than one sd from their stated values, furthest first.
     held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
         those that were refitted.
@@ -340,7 +342,7 @@ class Gap:
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""
-        plain = {item.name: getattr(self, item.name) for item in fields(Gap)}  # results above it hold more
+        plain = {item.name: getattr(self, item.name) for item in fields(Gap)}  # without the fields of subclasses
         body = asdict(Gap(**plain | {"closed": None, "strip": None, "budget": None}))
         body["budget"] = [] if self.budget is None else self.budget.to_json()
         body["model_error"] = None if self.unnamed is None else self.unnamed.to_json()

@@ -23,20 +23,20 @@ EQUATIONS = {
 
 
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
-    """What regimes are told by, per row: as simulated, for readings share their noise with residuals."""
+    """Signals that define regimes, per row: as simulated, for readings share their noise with residuals."""
     result = {}
     for c, channel in enumerate(bench.channels):
         read = np.nan_to_num(bench.measured[:, c])
         result[channel] = np.where(bench.counted[:, c], y[:, c], read)
     for k, name in enumerate(bench.model.inputs):
         result[name] = bench.inputs[:, k]
-    if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # how hard it turns is known all the same
+    if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # lateral acceleration without its sensor
         result["a_y"] = result["v_x"] * result["yaw_rate"]
     return {name: _smooth(values, bench) for name, values in result.items()}
 
 
 def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
-    """Which rows each regime holds."""
+    """Rows of each regime."""
     count = len(bench.measured)
     nothing = np.zeros(count)
     v, a_y, a_x = (seen.get(name, nothing) for name in ("v_x", "a_y", "a_x"))
@@ -70,10 +70,10 @@ def where(
     Parameters
     ----------
     bench : whose rows.
-    excess : (N,) squared errors over the noise's, less what noise and the explanation leave.
+    excess : (N,) squared errors over the noise's, less those that noise and the explanation leave.
     ratio : (channels,) root mean square of errors over that of noise; NaN where nothing was read.
     seen : as of `signals`.
-    promised : what every single effect would gain.
+    promised : expected gains of single effects.
     effects : by name.
     """
     total = float(np.sum(excess))
@@ -122,7 +122,7 @@ def _stretch(bench: FreeRuns, excess: Array) -> dict[str, float]:
 
 
 def _smooth(values: Array, bench: FreeRuns) -> Array:
-    """A moving mean: regimes are not told by noise."""
+    """Moving mean, so that noise does not define regimes."""
     length, result = max(1, round(CAL.smooth / bench.sample_time)), []
     for rows in bench.rows:
         value = min(length, rows.stop - rows.start)

@@ -1,4 +1,4 @@
-"""Is something at work that has no name here? Told by what named effects leave, and by magnitudes that do not stay."""
+"""Is there an unmodelled effect? Signs are the error that named effects leave, and magnitudes that are not constant."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from .gap import Unnamed
 
 @dataclass(frozen=True)
 class Signs:
-    """What speaks for something unknown.
+    """Signs of something unknown.
 
     Attributes
     ----------
-    left : share of the gap that is left, by how much residuals exceed stated noise.
-    beyond : mean square of what is left over that of noise, less one, over what is no gap yet, in the channel where
-        that is most.
+    left : remaining share of the gap, from residuals over stated noise.
+    beyond : excess of the remaining mean square error over noise, over the excess that is no gap yet; largest over
+        channels.
     structure : share of all log-likelihood to be gained that driving still explains and no named effect does.
-    spread : by which share the magnitude differs between parts of the recording.
+    spread : relative difference of the magnitude between parts of the recording.
     place : which parts, in words.
-    effects : how many they are.
+    effects : their number.
     over : log-likelihood that driving still explains beyond what noise alone would gain.
-    together : log-likelihood that the named effects gain over the sum of what each gains alone: causes that have
-        nothing to do with each other add up, impostors that must undo each other do not.
+    together : log-likelihood that the named effects gain over the sum of what each gains alone: gains of independent
+        causes add up, those of mimics that compensate each other do not.
     """
 
     left: float
@@ -59,7 +59,7 @@ def signs(
     scatter: float = 0.0,
     alone: float = 0.0,
 ) -> Signs:
-    """Collect what speaks for something unknown beside the best hypothesis.
+    """Collect the signs of something unknown beside the best hypothesis.
 
     Parameters
     ----------
@@ -67,8 +67,8 @@ def signs(
     before, after : mean square of errors over that of noise.
     beyond : as in `Signs`, of the best hypothesis.
     seen : signals per row.
-    scatter : log-likelihood that effects of variance gain.
-    alone : sum of what each effect of the best hypothesis takes off the base's cost by itself; zero if not known.
+    scatter : log-likelihood that effects on scatter gain.
+    alone : sum of the gains of each effect of the best hypothesis by itself over the base; zero if not known.
     """
     gained, expected = (float(np.sum(each)) for each in left_gain(search, best, seen))
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
@@ -97,7 +97,7 @@ def signs(
 def beyond_what_may_be(
     e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, rough: bool
 ) -> float:
-    """Excess over noise, over what is no gap yet, in the channel where that is most.
+    """Excess over noise, over the excess that is no gap yet, in the channel where that is largest.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def beyond_what_may_be(
     good : (N, channels) readings that count.
     channels : their names.
     alone : excess that is no gap, as a share of noise.
-    rough : whether equations may be off in proportion to what they predict.
+    rough : whether equations may err in proportion to what they predict.
     """
     if not rough:
         count = max(int(np.sum(good)), 1)
@@ -123,29 +123,29 @@ def beyond_what_may_be(
 
 
 def without_a_name(signs: Signs, temper: float, rough: bool, told: bool = True) -> bool:
-    """Whether what is left is a gap that no named effect explains.
+    """Whether the remaining error is a gap that no named effect explains.
 
-    It is where errors exceed what they may. Rough equations are off in proportion to what they predict, but what they
-    leave hardly follows how the vehicle is driven: a regression on that is a hypothesis like any other, without a
-    name, and a gap where it gains what an effect must.
+    It is where errors exceed what is no gap yet. Inexact equations err in proportion to what they predict, but their
+    errors hardly follow how the vehicle is driven: a regression on that is a hypothesis without a name, and a gap where
+    it gains what an effect must.
 
     Parameters
     ----------
-    signs : what speaks for it.
-    temper : what log-likelihoods are multiplied with.
-    rough : whether equations are.
+    signs : of something unknown.
+    temper : factor on log-likelihoods.
+    rough : whether equations are inexact.
     told : as in `unknown_probability`.
     """
     return told and (signs.beyond > 1.0 or (rough and temper * signs.over > CAL.cost_without_forces))
 
 
 def unknown_probability(signs: Signs, told: bool = True) -> float:
-    """The probability that something unknown is at work.
+    """The probability of an unmodelled effect.
 
     Parameters
     ----------
-    signs : what speaks for it.
-    told : whether noise was stated: else what is left passes for noise, and cannot speak.
+    signs : of something unknown.
+    told : whether noise was stated: otherwise remaining errors pass for noise, and are no sign.
     """
     x = CAL.nothing_else + CAL.of_left * min(signs.left, 1.0) + CAL.of_structure * signs.structure
     x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + (
@@ -157,7 +157,7 @@ def unknown_probability(signs: Signs, told: bool = True) -> float:
 
 
 def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[Array, Array]:
-    """(channels,) log-likelihood that a regression on what is driven would still gain, and what noise alone would give.
+    """(channels,) log-likelihood that a regression on driving signals would still gain, and that noise would give.
 
     Parameters
     ----------
@@ -182,8 +182,8 @@ def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array])
 def left_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Array]) -> dict[str, float]:
     """Effect -> log-likelihood that driving still explains in the channels it acts on, beside all named effects.
 
-    Zero where noise alone may gain as much. What has no name is at least that large: it may have taken as much under
-    the name of an effect, too.
+    Zero where noise alone may gain as much. An unnamed effect is at least that large: part of it may have been
+    attributed to the named one, too.
     """
     gained, expected = left_gain(search, best, seen)
     result = {}
@@ -195,7 +195,7 @@ def left_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Arra
 
 
 def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
-    """(N, K) products of what is driven, each of unit size, at a few lags."""
+    """(N, K) products of driving signals, each of unit size, at a few lags."""
     count = len(bench.measured)
     unit = {name: values / max(float(np.std(values)), 1e-9) for name, values in seen.items()}
     zero = np.zeros(count)
@@ -223,9 +223,10 @@ def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
 
 
 def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
-    """Effect -> share of what it does that tolerances do which are off by more than a standard deviation.
+    """Effect -> share of its action that strained tolerances, off by more than a standard deviation, produce as well.
 
-    An effect that stands for another one strains what acts as it does; what strains elsewhere says nothing of it.
+    An effect that stands for another one strains tolerances that act as it does; strain of others says nothing about
+    it.
     """
     off = np.concatenate([best.theta, best.linear]) - search.means
     value = np.diag(search.beliefs({axis.index for axis in best.axes}))
@@ -242,7 +243,7 @@ def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
 
 
 def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
-    """Collect it."""
+    """Remaining model error beside the best explanation, with the strain of tolerances and the noise."""
     off = np.concatenate([best.theta, best.linear]) - search.means
     value = search.beliefs({axis.index for axis in best.axes})
     each = np.sqrt(np.maximum(np.diag(value), 0.0)) * np.abs(off)
