@@ -1,4 +1,4 @@
-"""Are the data to be trusted? Findings about clock, values, agreement between channels, offsets at rest and delays."""
+"""Data checks: findings about clock, values, agreement between channels, offsets at rest and delays."""
 
 from .checking import check
 from .finding import Finding, FoundAt, Severity, distrusted

@@ -1,4 +1,4 @@
-"""All checks of a recording in their order, and the repairs that they propose, taken one after the other."""
+"""All checks of a recording in order, and the successive repairs that they propose."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from .repeats import check_repeats
 from .values import check_placeholders, check_reading, check_time, check_values, sample_time_believable
 
 MOST_REPAIRS = 4
-"""Repairs that are taken one after the other."""
+"""Largest number of successive repairs."""
 
 _last: tuple[ref[Recording], float | None, tuple[Finding, ...]] | None = None
-"""What was checked last, which a fit of it asks for again; recordings do not change."""
+"""Result of the last check, for a fit of the same recording; recordings are immutable."""
 
 
 def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]:
-    """All that is noteworthy or wrong in a recording, gravest first.
+    """All findings about a recording, most severe first.
 
     Parameters
     ----------
     recording : signals in SI units, ISO 8855 signs.
-    wheelbase : in m, if known: the steering's unit can then be checked more sharply.
+    wheelbase : in m, if known: the steering's unit is then checked more strictly.
 
     Returns
     -------
     list of Finding
-        Empty if nothing is noteworthy. `distrusted(findings)` tells whether the recording can be used as it is.
+        Empty without findings. `distrusted(findings)` is True if the recording cannot be used as it is.
     """
     global _last
     if _last is not None and _last[0]() is recording and _last[1] == wheelbase:
@@ -55,14 +55,13 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
 def mended(
     read: Callable[[ColumnMap], Iterable[Recording]], columns: str, wheelbase: float | None
 ) -> tuple[ColumnMap, tuple[str, ...]]:
-    """The column map with what checks of some recordings would have changed, one finding after the other, and the
-    changes.
+    """The column map after applying the repairs that checks of the recordings propose, one at a time; and the changes.
 
     Parameters
     ----------
-    read : the recordings as a column map reads them.
-    columns : the column map to begin with.
-    wheelbase : m, as of `check`.
+    read : returns the recordings read through a column map.
+    columns : the initial column map.
+    wheelbase : m, as in `check`.
     """
     mapping, changes = column_map(columns), tuple[str, ...]()
     for _ in range(MOST_REPAIRS):
@@ -87,7 +86,7 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
         recording, findings, blank = recording.with_signals(**blanked), [*findings, finding], blank | {*names}
     findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in blank]
     recording = _bridged(recording, findings)
-    if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
+    if sample_time_believable(recording.sample_time):  # False also if no two rows are consecutive
         findings += check_drive(recording)
         faults = check_mapping(recording)
         result = pairs(recording)
@@ -95,14 +94,14 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
         against = check_consistency(recording, result, wheelbase)
         findings += [*_left(recording, faults, against, wheelbase), *check_delays(recording, result)]
         findings = with_sizes(recording, findings)
-    if any(item.kind == "short" for item in findings):  # which says why nothing could be checked
+    if any(item.kind == "short" for item in findings):  # it already says why nothing could be checked
         findings = [item for item in findings if item.kind != "unchecked"]
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))
 
 
 def _bridged(recording: Recording, findings: list[Finding]) -> Recording:
-    """The recording with values that stand out from their neighbours on straight lines between those."""
+    """The recording with outlying values replaced by linear interpolation between their neighbours."""
     rows, signals = np.arange(len(recording)), dict[str, Array]()
     for finding in (item for item in findings if item.kind == "outlier"):
         values = signals.get(finding.where.channel, recording[finding.where.channel])
@@ -117,9 +116,11 @@ def _bridged(recording: Recording, findings: list[Finding]) -> Recording:
 def _left(
     recording: Recording, faults: list[Finding], findings: list[Finding], wheelbase: float | None
 ) -> list[Finding]:
-    """Findings that are left with the map's fault undone, where others take for granted what it doubts.
+    """Consistency findings that remain after undoing a fault of the map, if they presuppose what the fault puts in
+    doubt.
 
-    That is the sign of v_x, or a sign of several that are as likely: what names another one beside it would contradict.
+    That is the sign of v_x, or one of several equally likely signs: a finding that blames another sign would contradict
+    it.
     """
     fault = next((item for item in faults if item.kind == "mapping" and item.severity is Severity.DISTRUST), None)
     if fault is None or not findings:

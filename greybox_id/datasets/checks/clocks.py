@@ -1,4 +1,4 @@
-"""Faults of time that have a size: channels that come early or late, and clocks that run at another rate."""
+"""Timing faults with a size: channels that are early or late, and clocks that run at another rate."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from .pairs import rate, smooth
 from .relations import SMOOTHING, thinned
 
 GOES_WITH = 0.9
-"""Correlation from which on a channel goes with what it should: four fifths of its variance are explained."""
+"""Correlation from which a channel follows its reference: four fifths of its variance are explained."""
 RUNS_FAST, FASTEST, LONGEST = 0.004, 0.04, 2.0
-"""Least and largest relative error of a clock that is looked for, and the largest delay beside it, s."""
+"""Smallest and largest relative clock error to search, and the largest delay searched with it, s."""
 MOST_TRIES, NEAR_TRIES = 100, 4
-"""Rates that are tried each way at first, and next to what fewer rows tell."""
+"""Rates tried in each direction at first, and then around the estimate from fewer rows."""
 RESPONSE, PER_ROOT = 0.12, 0.12
-"""s, and s per root of a metre: the longest that yaw_rate follows steer by, over the wheelbase; yaw takes as long as
-tyres take to turn an inertia that grows with length."""
+"""Largest delay of yaw_rate after steer in s: a constant plus a term per square root of the wheelbase in m, since tyres
+take longer to turn a larger inertia."""
 SIDEWAYS_RESPONSE = 0.5
-"""Share of that by which a_y may come before or after v_x · yaw_rate: v_y answers within it."""
+"""Share of that delay by which a_y may precede or follow v_x · yaw_rate: v_y responds within it."""
 
 
 def clocks(r: Recording) -> list[Explanation]:
-    """Channels that come early, and clocks that run fast."""
+    """Channels that are early or late, and clocks that run fast or slow."""
     result: list[Explanation] = []
     longest = max(r.runs, key=lambda run: run[1] - run[0])
     rows, dt = slice(*longest), r.sample_time
@@ -44,9 +44,10 @@ def clocks(r: Recording) -> list[Explanation]:
 
 
 def _shifted(r: Recording, rows: slice) -> list[Explanation]:
-    """Channels that come early or late: steer leads yaw_rate by the vehicle's response, a_y goes with v_x · yaw_rate.
+    """Channels that are early or late: yaw_rate follows steer by the vehicle's response, a_y coincides with v_x ·
+    yaw_rate.
 
-    Of two channels that are apart the one is named that a third is apart from as well.
+    Of two channels with a time offset, the one that is also offset from a third is named.
     """
     if not r.has("steer", "yaw_rate"):
         return []
@@ -95,17 +96,17 @@ def _shifted(r: Recording, rows: slice) -> list[Explanation]:
 
 
 def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) -> list[Explanation]:
-    """A channel whose clock runs at another rate: stretched, it goes with what it should go with, and not before."""
+    """A channel whose clock runs at another rate: only after stretching does it follow its reference."""
     dt, count = r.sample_time, rows.stop - rows.start
     u, v = (np.nan_to_num(smooth(r, item, SMOOTHING)[rows]) for item in (left, right))
 
     def step_of(rows: int) -> float:
-        """Over so many rows, a quarter of what is smoothed."""
+        """Step of the relative rate for a number of rows: it shifts the ends by a quarter of the smoothing."""
         return SMOOTHING / max(rows * dt, 1e-9) / 4.0
 
     first = min(count, int(SMOOTHING * MOST_TRIES / (4.0 * FASTEST * dt)))
     stretch, length, reach = 0.0, first, int(FASTEST / step_of(first))
-    while True:  # twice as many rows tell a rate twice as finely, and only near the one that is known
+    while True:  # twice as many rows resolve the rate twice as finely, so only rates near the estimate are tried
         tries = stretch + step_of(length) * np.arange(-reach, reach + 1)
         result = [_follows(u[:length], v[:length], float(item), dt) for item in tries]
         k = int(np.argmax(result))
@@ -133,7 +134,7 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
 
 
 def _follows(u: Array, v: Array, stretch: float, dt: float) -> float:
-    """Largest correlation of a series, stretched, with another over delays of up to `LONGEST`."""
+    """Largest correlation of a stretched series with another over delays of up to `LONGEST`."""
     count = len(u)
     grid, size, reach = np.arange(count, dtype=float), 1 << (2 * count).bit_length(), min(int(LONGEST / dt), count // 4)
     moved, other = np.interp(grid * (1.0 + stretch), grid, u), v - v.mean()

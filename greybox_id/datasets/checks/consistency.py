@@ -1,4 +1,4 @@
-"""Do the channels agree: in signs and units, with a second copy of the same quantity, with standstill?"""
+"""Checks that channels agree: in signs and units, with duplicate channels, and with standstill."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .finding import Finding, FoundAt, Severity, listed, runs_words
 from .pairs import Agreement, Pair, agreement, run_agreements
 
 GAIN_RANGE = (0.5, 2.0)
-"""Two ways to one quantity agree within a factor of two, whatever noise, slip and slope do; units by 3.6 or more."""
+"""Two measurements of a quantity agree within a factor of two despite noise, slip and slope; units differ by >= 3.6."""
 WHEELBASE_RANGE = (0.06, 15.0)
-"""v_x · steer / yaw_rate in m: from the smallest model car to an understeering coach. Degrees shift it by 57."""
+"""v_x · steer / yaw_rate in m: from the smallest model car to an understeering coach. Degrees change it by 57."""
 GIVEN_WHEELBASE = (0.4, 4.0)
-"""The same as a share of the wheelbase, if that is given: understeer makes it longer, oversteer shorter."""
+"""The same as a share of the wheelbase, if that is given: understeer makes it larger, oversteer smaller."""
 FACTORS = (
     (180 / np.pi, ("yaw_rate", "yaw", "steer", "sideslip"), "deg", "rad"),
     (9.80665, ("a_x", "a_y"), "g", "m/s²"),
@@ -27,9 +27,9 @@ FACTORS = (
     (1000.0, (), "a thousandth of the unit", "the unit"),
 )
 FACTOR_TOLERANCE = 1.5
-"""A gain within this factor of a known unit factor is put down to that unit."""
+"""A gain within this factor of a known unit factor is attributed to that unit."""
 UNKNOWN = "check unit and scale of both in the column map."
-"""What is said where the factor is that of no unit."""
+"""Advice if the factor is not that of a known unit."""
 LIMITS = {
     "steer": (1.3, "no road wheel turns so far; is it in degrees, or the hand wheel's angle?"),
     "yaw_rate": (15.0, "no vehicle turns so fast; is it in degrees per second?"),
@@ -37,17 +37,17 @@ LIMITS = {
     "a_y": (80.0, "no tyre can accelerate a vehicle so much; is the unit wrong?"),
     "v_x": (150.0, "no road vehicle is so fast; is it in km/h, rpm or raw counts?"),
 }
-"""Largest believable size (99th percentile) in SI units, for all vehicles from model car to race car."""
+"""Largest plausible magnitude (99th percentile) in SI units, for all vehicles from model car to race car."""
 
 
 def check_consistency(recording: Recording, pairs: list[Pair], wheelbase: float | None = None) -> list[Finding]:
-    """Sign and unit findings from the pairs of channels that must agree.
+    """Sign and unit findings from pairs of channels that must agree.
 
     Parameters
     ----------
-    recording : what is checked.
-    pairs : its pairs.
-    wheelbase : in m, if known; without it only gross errors of the steering's unit show.
+    recording : the recording to check.
+    pairs : its pairs of channels.
+    wheelbase : in m, if known; without it only gross errors of the steering's unit are detected.
     """
     measured = [(pair, agreement(recording, pair.left_values, pair.right_values, pair.smoothing)) for pair in pairs]
     certain = [(pair, agreed) for pair, agreed in measured if agreed.certain]
@@ -124,23 +124,23 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
 
 
 def _slow_share(recording: Recording) -> NDArray[np.bool_] | None:
-    """Rows slow enough that the rear axle hardly slips sideways; None where there are too few."""
+    """Rows slow enough that the rear axle has hardly any side slip; None if they are too few."""
     lateral = np.abs(recording["v_x"] * recording["yaw_rate"])
     speed = np.abs(recording["v_x"])
-    # Slip angles grow with a_y, the rolling part of v_y/v_x with path curvature: large curvature at little a_y.
+    # Slip angles grow with a_y, the kinematic part of v_y/v_x with path curvature: large curvature at small a_y.
     rows = (lateral < 2.0) & (speed > 1.0) & (np.abs(recording["yaw_rate"]) > 0.01 * speed)
     return rows if np.count_nonzero(rows) * recording.sample_time > 10.0 else None
 
 
 def _turned_runs(recording: Recording, pairs: list[Pair]) -> list[Finding]:
-    """Runs whose sign differs from that of other runs."""
+    """Runs in which a sign differs from that of other runs."""
     findings = []
     for pair in pairs if len(recording.runs) > 1 else []:
         parts = run_agreements(recording, pair.left_values, pair.right_values, pair.smoothing)
         certain = {number: part.correlation < 0 for number, part in parts.items() if part.certain}
         turned = [number for number, negative in certain.items() if negative]
         if len(turned) == len(certain):
-            continue  # all alike: told for the whole recording
+            continue  # all runs have the same sign: reported for the whole recording
         if turned:
             where = FoundAt(pair.nodes[0], turned[0] if len(turned) == 1 else None)
             sentence = (
@@ -188,9 +188,10 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None, step:
 
 
 def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str] = ()) -> str:
-    """Which unit slipped, if the gain is near a known factor; `loosely` takes the nearest of the pair's own kinds.
+    """Unit error that explains a gain near a known factor; `loosely` also accepts the nearest factor of the pair's
+    kinds.
 
-    `sound` are channels that agree with others, and are not to blame.
+    `sound` are channels that agree with other channels and are not to blame.
     """
     for factor, kinds, foreign, ours in FACTORS:
         names = [name for name in pair.channels if name in kinds and name not in sound]
@@ -210,7 +211,7 @@ def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str
 
 
 def _slipped(names: Sequence[str], looks: str, says: str) -> str:
-    """That channels may be in one unit where another was assumed; of a yaw rate per second."""
+    """Words for channels that may have one unit where another was assumed."""
     per = "/s" if list(names) == ["yaw_rate"] and "rad" in (looks, says) else ""
     return f"{listed(names)} may be in {looks}{per} instead of {says}{per}" if names else ""
 
@@ -228,17 +229,17 @@ def _limits(recording: Recording) -> list[Finding]:
 
 
 REST_SHARE = 0.003
-"""At rest means slower than 0.3 % of the top speed ..."""
+"""Share of the top speed below which the vehicle is at rest ..."""
 REST_SECONDS = 1.0
-"""... for at least a second, a quarter of it cut off at each end where the vehicle settles."""
+"""... for at least this many s; a quarter is cut off at each end, where the vehicle settles."""
 STANDS, STANDING_MEAN = 0.01, 0.5
-"""Under the brake it stands where its mean speed over half a second is 1 % of the top speed."""
+"""Under the brake it stands if its mean speed over this many s (the second) is below this share of the top speed."""
 CHANNELS = {"yaw_rate": 0.002, "a_x": 0.02, "a_y": 0.02}
-"""Channels that read zero at rest on flat ground, and the offset below which nobody minds (rad/s, m/s^2)."""
+"""Channels that read zero at rest on flat ground, and the offset below which none is reported (rad/s, m/s^2)."""
 
 
 def check_rest(recording: Recording) -> list[Finding]:
-    """Offsets of gyro and accelerometers at rest, one finding for each that is significant."""
+    """Significant offsets of gyro and accelerometers at rest, one finding each."""
     if "v_x" not in recording:
         return []
     stretches = [np.arange(a, b) for a, b in _rests(recording)]
@@ -264,7 +265,7 @@ def check_rest(recording: Recording) -> list[Finding]:
 
 
 def standing(recording: Recording) -> NDArray[np.bool_]:
-    """(n,) whether the vehicle stands under its brake, for a second at least; False where that cannot be told."""
+    """(n,) whether the vehicle stands under its brake for at least a second; False if that cannot be determined."""
     result = np.zeros(len(recording), dtype=bool)
     braked = np.zeros(len(recording), dtype=bool)
     for name in DRIVE_SIGNALS:
@@ -310,7 +311,7 @@ def _uncertainty(
     means: NDArray[np.float64],
     weights: NDArray[np.float64],
 ) -> float:
-    """Standard error of the mean: scatter between stands, or within one where samples hang together for 5."""
+    """Standard error of the mean: from scatter between standstills, or within one if 5 samples count as one."""
     within = np.concatenate([recording[name][rows] - m for rows, m in zip(stretches, means, strict=True)])
     inside = float(np.std(within)) * np.sqrt(5.0 / len(within))
     if len(means) < 2:
@@ -322,19 +323,19 @@ def _uncertainty(
 
 
 SAME = 0.9
-"""From this correlation on, in one run at least, a channel of the same unit is taken for a copy of the signal."""
+"""Correlation in at least one run from which a channel of the same unit counts as a duplicate of the signal."""
 DIFFERENT = 0.7
-"""Below this correlation a run of the copy does not follow the signal."""
+"""Correlation below which the duplicate does not follow the signal in a run."""
 CLOSE_GAINS = (0.7, 1.4)
-"""A copy in the same unit has gain 1; sensors at two places of a vehicle differ by some per cent."""
+"""Gains of a duplicate in the same unit, ideally 1; sensors at two places of a vehicle differ by a few per cent."""
 LEAST_SAMPLES = 5
-"""Independent samples below which a run tells nothing."""
+"""Fewest independent samples of a run to be compared."""
 LEAST_SPREAD = 0.2
-"""Runs in which the signal spreads less than this share of its spread over all runs tell nothing."""
+"""Runs in which the signal spreads by less than this share of its spread over all runs are not compared."""
 
 
 def check_duplicates(recording: Recording) -> list[Finding]:
-    """Findings about extra channels that are copies of a signal."""
+    """Findings about extra channels that duplicate a signal."""
     findings: list[Finding] = []
     for extra in recording.signals:
         if extra in SIGNALS:

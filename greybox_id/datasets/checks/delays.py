@@ -1,6 +1,6 @@
 """Delays between channels, run by run.
 
-The delay between two series, in fractions of a sample, with its uncertainty.
+Estimates the delay between two series to fractions of a sample, with its uncertainty.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from .pairs import Pair, standard
 from .values import ZERO_SHARE, zero_share
 
 BLOCK_SECONDS = 1.0
-"""Length of the blocks left out in turn: longer than residuals hang together."""
+"""Length of the blocks left out in turn, s: longer than residuals are correlated."""
 BLOCKS = (6, 40)
-"""Fewest and most blocks of the jackknife."""
+"""Smallest and largest number of blocks of the jackknife."""
 SMOOTHING = 1.5
-"""Samples, standard deviation of the least smoothing. Interpolation weakens white noise half-way between samples, and
-least squares would then find every delay there; what is band-limited is shifted without being weakened."""
+"""Standard deviation of the weakest smoothing, in samples. Interpolation damps white noise between samples, so that
+least squares would prefer delays of half samples; band-limited series are shifted without being damped."""
 STEP = 0.02
-"""Seconds, and at least one sample: step of the parabola through the misfit around its minimum."""
+"""Step in s, at least one sample, of the parabola through the misfit around its minimum."""
 FLOOR = 0.05
-"""Samples. Interpolation cannot tell a delay more finely; added to the statistical error."""
+"""Resolution of a delay by interpolation, in samples; added to the statistical error."""
 GOOD_FIT, COARSEST = 0.97, 0.2
-"""Smoothing grows until the correlation is that good, or its standard deviation is that many seconds: the misfit of
-noisy series has ripples, which pass for sharp minima."""
+"""Smoothing increases until the correlation reaches the first, or its standard deviation the second, in s: the misfit
+of noisy series has ripples, which look like sharp minima."""
 LEAST_FIT = 0.9
-"""Correlation at the best delay below which no delay is told: noise then has minima of its own beside the true one."""
+"""Correlation at the best delay below which no delay is returned: noise then has minima near the true one."""
 
 RIVAL = 16.0
-"""A second minimum of the misfit counts as excluded if it lies so many squared standard deviations above the first."""
+"""A second minimum of the misfit is excluded if it is this much, in squared standard deviations, above the first."""
 
 
 @dataclass(frozen=True)
 class Lag:
-    """A delay, left side after right side.
+    """A delay of the left series relative to the right one.
 
     Attributes
     ----------
-    samples : the delay; positive if the left series comes later.
-    error : its standard uncertainty, samples.
-    gain : left over right at that delay.
-    correlation : at that delay.
+    samples : the delay; positive if the left series is later.
+    error : standard uncertainty of the delay, samples.
+    gain : left over right at this delay.
+    correlation : at this delay.
     """
 
     samples: float
@@ -59,20 +59,20 @@ class Lag:
 def estimate_lag(left: Array, right: Array, dt: float, smoothing: float = 0.0, longest: float = 0.4) -> Lag | None:
     """Delay d that makes left(t) = gain · right(t - d) + constant fit best, by least squares.
 
-    Both series get the same Gaussian smoothing, which shifts neither. The uncertainty is a jackknife over blocks: noise
-    on either side, autocorrelated residuals and a delay that wanders are all in it.
+    Both series get the same Gaussian smoothing, which shifts neither. The uncertainty is a block jackknife, which
+    includes noise on either side, autocorrelated residuals and variation of the delay.
 
     Parameters
     ----------
     left, right : (n,) series without gaps.
     dt : sample time, s.
     smoothing : standard deviation of the smoothing, s.
-    longest : delays up to this, s, are looked for in both directions.
+    longest : largest delay to search in both directions, s.
 
     Returns
     -------
     Lag or None
-        None where the series are too short, too little alike, or best alike at the edge of the search.
+        None if the series are too short or not similar enough, or match best at the edge of the search.
     """
     if not (np.isfinite(left).all() and np.isfinite(right).all()):
         return None
@@ -85,11 +85,11 @@ def estimate_lag(left: Array, right: Array, dt: float, smoothing: float = 0.0, l
 
 
 def _lag(left: Array, right: Array, dt: float, sigma: float, longest: float) -> Lag | None:
-    """The delay under Gaussian smoothing of `sigma` samples; None where there is no telling it."""
+    """The delay under Gaussian smoothing of `sigma` samples; None if it cannot be estimated."""
     reach, trim = max(3, int(round(longest / dt))), int(round(3 * sigma))
     if len(left) < 6 * reach + 2 * trim:
         return None
-    # Centred and scaled: the sums below would lose digits to a large mean.
+    # Centred and scaled: a large mean would cost digits in the sums below.
     left, left_scale = standard(smoothed(left, sigma)[trim:-trim])
     right, right_scale = standard(smoothed(right, sigma)[trim:-trim])
     step = max(1.0, STEP / dt)
@@ -122,7 +122,7 @@ def _lag(left: Array, right: Array, dt: float, sigma: float, longest: float) -> 
 
 
 def _ambiguous(costs: Array, best: int, independent: float) -> bool:
-    """Whether another minimum is nearly as deep, for so many independent samples."""
+    """Whether another minimum is nearly as deep, given the number of independent samples."""
     inner = costs[1:-1]
     minima = np.flatnonzero((inner <= costs[:-2]) & (inner <= costs[2:])) + 1
     others = costs[minima[minima != best]]
@@ -142,14 +142,14 @@ class _Search:
         self.of_all = np.sum(self.of_left, axis=1)
 
     def sums(self, delay: float) -> Array:
-        """(6, blocks) count and sums of l, r, l², r², l·r in each block."""
+        """(6, blocks) counts and sums of l, r, l², r², l·r (l left, r right) in each block."""
         right = self.spline.shifted(self.margin, len(self.left), -delay)
         count, left, left_2 = self.of_left
         mean, power, both = self._by_block(right, right * right, self.left * right)
         return np.stack([count, left, mean, left_2, power, both])
 
     def whole(self, delay: float) -> Array:
-        """(6,) the same of all blocks together."""
+        """(6,) the same sums over all blocks."""
         right = self.spline.shifted(self.margin, len(self.left), -delay)
         count, left, left_2 = self.of_all
         return np.array([count, left, np.sum(right), left_2, np.vdot(right, right), np.vdot(self.left, right)])
@@ -164,13 +164,13 @@ class _Search:
         return both - left * right / count, right_2 - right * right / count, left_2 - left * left / count
 
     def misfit(self, sums: Array) -> Array:
-        """Residual sum of squares of left on right and a constant; a negative gain counts as no fit."""
+        """Residual sum of squares of regressing left on right and a constant; a negative gain is set to zero."""
         covariance, power, energy = self.moments(sums)
         unexplained: Array = energy - np.maximum(covariance, 0.0) ** 2 / np.maximum(power, 1e-300)
         return unexplained
 
     def vertex(self, delay: float, step: float) -> Array:
-        """How far the minimum lies from `delay`, (1 + blocks,): of all blocks, then with each left out; NaN: none."""
+        """Offset of the parabola's minimum from `delay`, (1 + blocks,): of all data, then with each block left out."""
         costs = []
         for shift in (-step, 0.0, step):
             sums = self.sums(delay + shift)
@@ -184,27 +184,27 @@ class _Search:
 
 
 SIGNIFICANT = 4.0
-"""Standard errors: a disagreement is looked for among many runs and pairs, chance must not find one."""
+"""Standard errors for a disagreement between delays: many runs and pairs are compared, so chance must be excluded."""
 DISAGREEMENT = 0.5
-"""Samples by which a run's delay may differ from the others' before no one model can fit both."""
+"""Samples by which a run's delay may differ from the others' before no single model can fit both."""
 RESPONSE_SHARE = 0.25
-"""The vehicle's own response lies between steering and yaw rate, and its lag varies with the manoeuvre by up to a
-quarter; only what goes beyond is put down to the recording."""
+"""Share of the lag of yaw rate behind steering (the vehicle's response) by which it varies with the manoeuvre; only
+larger differences are attributed to the recording."""
 LIKE_SPEED = 2.0
-"""That lag grows with speed: only runs whose mean speeds lie within this factor are compared."""
+"""The response lag grows with speed: only runs whose mean speeds lie within this factor are compared."""
 MANY, MANY_RUNS = 0.25, 8
-"""Where more than a quarter of 8 runs or more lie apart, no run is odd: the delay as such is not one number."""
+"""If more than this share of at least this many runs differ, no run is singled out: the delay is not constant."""
 WORTH_TELLING = 0.5
-"""Samples of a delay between two ways to the same quantity that a fit should be told of."""
+"""Delay in samples between two measurements of the same quantity from which it is reported."""
 OF_HELD_COMMANDS = 0.5
-"""Samples that commands held from row to row put between a reading and the difference of readings about it."""
+"""Delay in samples that results from holding commands between rows and from central differences."""
 BLUNT = "The steering signal has a dead zone, which delays it as well."
 PRECISE = 0.5
-"""Samples of uncertainty above which a delay is not told."""
+"""Uncertainty in samples above which a delay is not reported."""
 
 
 def check_delays(recording: Recording, pairs: list[Pair]) -> list[Finding]:
-    """Delays of each pair, and runs whose delay differs from the others'."""
+    """Report the delay of each pair, and runs whose delay differs from the others'."""
     findings: list[Finding] = []
     for pair in pairs:
         lags = run_lags(recording, pair)
@@ -215,7 +215,7 @@ def check_delays(recording: Recording, pairs: list[Pair]) -> list[Finding]:
 
 
 def run_lags(recording: Recording, pair: Pair) -> dict[int, Lag]:
-    """Delay of the pair's left side after its right side for each run in which it can be told: run number -> lag."""
+    """Delay of the pair's left side relative to the right: run number -> lag, for runs in which it can be estimated."""
     if pair.lag_smoothing is None:
         return {}
     dt = recording.sample_time
@@ -255,7 +255,7 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
 
 
 def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> list[Finding]:
-    """Runs whose delay differs from that of most others they can be compared with."""
+    """Runs whose delay differs from that of most other comparable runs."""
     dt = recording.sample_time
     ms = 1000 * dt
     odd: dict[int, tuple[float, float]] = {}
@@ -273,7 +273,7 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
             middle = int(np.argsort(apart)[len(apart) // 2])
             odd[number], compared[number] = (float(apart[middle]), float(errors[middle])), likes
     if len(lags) == 2 and odd:
-        odd = {max(odd): odd[max(odd)]}  # two runs disagree with each other: say it once
+        odd = {max(odd): odd[max(odd)]}  # two runs disagree with each other: report it once
     blunt = not pair.kinematic and zero_share(recording, "steer") > ZERO_SHARE
     if len(lags) >= MANY_RUNS and len(odd) > MANY * len(lags):
         return [_scattered(pair, lags, odd, dt)]

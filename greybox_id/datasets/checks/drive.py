@@ -1,4 +1,4 @@
-"""Does a recording hold a drive: enough rows that follow each other, in which something moves, by its own steering."""
+"""Checks that a recording contains a drive: enough rows, in order, with motion that its steering explains."""
 
 from __future__ import annotations
 
@@ -17,33 +17,34 @@ from .pairs import smooth
 from .relations import SMOOTHING, thinned
 
 FEWEST_ROWS, SHORTEST = 80, 2.0
-"""Rows, and s: intervals of a fit rest on the scatter between eight blocks of ten rows (`fitting/uncertainty/
-sandwich.py`), and its errors are told for up to two seconds ahead."""
+"""Fewest rows and s of a recording: intervals of a fit rest on the scatter between eight blocks of ten rows (`fitting/
+uncertainty/sandwich.py`), and prediction errors are evaluated up to two seconds ahead."""
 MOVES = 1.5
-"""Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
-the ratio is one."""
+"""Ratio of a channel's scatter to its high-frequency noise below which it is noise only: for white noise it is one."""
 UNORDERED, TOGETHER, SLOWEST = 0.85, 0.7, 0.15
-"""Steps over those of white noise from which no row knows of the one before, correlation that noise of two sensors has
-not, and the time in s up to which a vehicle's rows know of each other: steps of what swings at 1 Hz are 0.6 then."""
+"""Row-to-row steps relative to white noise above which rows are uncorrelated; correlation between channels that noise
+of two sensors does not reach; and the longest sample time in s at which a vehicle's rows are still correlated: a 1 Hz
+oscillation then has a ratio of 0.6."""
 CANNOT_JUMP = ("v_x", "v_y", "yaw_rate")
-"""What has inertia; accelerations and commands may jump."""
+"""Channels with inertia; accelerations and commands may jump."""
 ASLEEP, TIMES, JUMP, RANGE = 5, 3.0, 4.0, 0.2
-"""Fewest rows of a sensor that is off, times how long readings are held otherwise; the jump at its end, over the
-largest of 200 usual steps, and over the channel's range: a wheel that begins to turn is seen at 1 or 2 % of it."""
+"""A sensor is off for at least `ASLEEP` rows and `TIMES` the usual hold of readings. The jump at the end exceeds `JUMP`
+times the largest of 200 usual steps and `RANGE` of the channel's range; a wheel that begins to turn jumps by 1 or 2 %
+of its range."""
 ON_ICE, USUAL, LAGS, LONG_ENOUGH = 0.5, 0.8, 1.0, 30.0
-"""Share of yaw_rate that v_x · steer explains of vehicles at some delay of up to so many s, on ice and elsewhere (0.93
-of those that were seen), and the s of driving from which two drives have less by chance. Drives of the same few
-frequencies have as much at one delay by chance, but each frequency at another."""
+"""Share of yaw_rate that v_x · steer explains at the best delay up to `LAGS` s: vehicles have at least `ON_ICE` on ice
+and `USUAL` elsewhere (0.93 in recordings inspected); two unrelated drives of `LONG_ENOUGH` s have less by chance.
+Unrelated drives at the same few frequencies can have as much at one delay, but each frequency at another."""
 SHIFTS, STANDS_OUT, AT_LEAST = 60, 6.0, 0.15
-"""Shifts of steer against yaw_rate, and the scatter of what it explains at them by which it has to explain more at its
-own delay to be of this drive, and least share of it: 5 to 60 and .16 to .64 of vehicles that slide; steer of another
-drive came up to 4.8, or above with a share of .06, in 70 drives."""
+"""Number of time shifts of steer against yaw_rate; by how many standard deviations of the share explained at these
+shifts the share at the true delay must exceed their mean if both are of one drive; and the least such share. Vehicles
+that slide have 5 to 60 and .16 to .64; steer of another drive had at most 4.8, or a share of .06, in 70 drives."""
 PUSHED = 0.5
-"""m/s^2, the scatter of v_x · yaw_rate from which it is steering that turns a vehicle, not wind or camber."""
+"""Scatter of v_x · yaw_rate in m/s^2 above which steering turns the vehicle, not wind or camber."""
 
 
 def check_drive(r: Recording) -> list[Finding]:
-    """Findings about a recording that is too short, whose rows are out of order, or in which nothing moves."""
+    """Findings about recordings that are too short, whose rows are out of order, or in which nothing moves."""
     measured = [name for name in ("v_x", "v_y", "yaw_rate", "a_x", "a_y") if r.has(name)]
     if not measured:
         return []
@@ -73,14 +74,14 @@ def check_drive(r: Recording) -> list[Finding]:
 
 
 def moves(parts: Sequence[Array]) -> bool:
-    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
+    """Whether readings, one (n,) array per contiguous part, scatter by more than their high-frequency noise."""
     whole = np.concatenate([part[np.isfinite(part)] for part in parts])
     spread = float(np.std(whole)) if len(whole) else 0.0
     return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
 def _unordered(r: Recording) -> list[str]:
-    """Channels of which no row knows of the one before, though they say the same in each row."""
+    """Channels without correlation between consecutive rows, although they agree with each other in each row."""
     turns = {name: r[name] for name in ("yaw_rate", "a_y", "v_y") if r.has(name)}
     if r.has("v_x", "yaw_rate"):
         turns["yaw_rate"] = r["v_x"] * r["yaw_rate"]
@@ -97,7 +98,7 @@ def _unordered(r: Recording) -> list[str]:
 
 
 def _steps(r: Recording, values: Array) -> float:
-    """Steps from row to row over those of white noise that scatters as much (von Neumann's ratio, its root)."""
+    """Root mean square step between rows over that of white noise of the same scatter (root of von Neumann's ratio)."""
     steps = np.concatenate([np.diff(values[start:stop]) for start, stop in r.runs])
     steps, good = steps[np.isfinite(steps)], values[np.isfinite(values)]
     spread = float(np.std(good)) if len(good) else 0.0
@@ -105,13 +106,13 @@ def _steps(r: Recording, values: Array) -> float:
 
 
 def _nothing_in_common(r: Recording) -> list[Finding]:
-    """Steering that is of another drive."""
+    """A finding if steering does not explain the yaw rate, as if it were of another drive."""
     if not r.has("v_x", "yaw_rate", "steer"):
         return []
     short = thinned(r)
     if not len(short) or not short.sample_time > 0:
         return []
-    apart = np.full(int(LAGS / short.sample_time) + 1, np.nan)  # no delay is looked for across a join
+    apart = np.full(int(LAGS / short.sample_time) + 1, np.nan)  # so that no lag pairs rows of different runs
     if len(short) * short.sample_time < LONG_ENOUGH:
         return []
 
@@ -147,8 +148,8 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
 
 
 def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
-    """Whether steering explains more of the turning at its own delay than shifted by seconds, as that of a vehicle does
-    that slides at times; sums of absolute errors, so that the rows in which it does not slide tell.
+    """Whether steering explains more of the yaw rate at its true delay than at shifts by seconds, as for a vehicle that
+    slides at times. Sums of absolute errors give weight to the rows without sliding.
     """
     reach = int(LAGS / dt)
     if len(turn) < 10 * reach or not np.std(turn) > 0:
@@ -159,7 +160,7 @@ def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
         table, weights = np.column_stack([shifted, pace**2 * shifted, np.ones(len(turn))]), np.ones((len(turn), 1))
         table /= np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
         left = turn
-        for _ in range(8):  # least squares, weighted anew, end at the least sum of absolute errors
+        for _ in range(8):  # iteratively reweighted least squares converge to the least sum of absolute errors
             left = np.abs(turn - table @ np.linalg.lstsq(table * weights, turn * weights[:, 0], rcond=1e-6)[0])
             weights = np.sqrt(1.0 / np.maximum(left, 1e-3 * np.std(turn)))[:, None]
         return 1.0 - float(np.sum(left) / np.sum(np.abs(turn - np.median(turn))))
@@ -170,8 +171,8 @@ def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
 
 
 def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) -> float:
-    """Share of the variance of a series that others explain together at the best delay of up to so many s, or the first
-    that will do.
+    """Share of the variance of a series that others explain together at the best delay of up to `longest` s; the search
+    ends once it exceeds `USUAL`.
     """
     table, result, reach = np.column_stack([*columns, np.ones(len(u))]), 0.0, min(int(longest / dt), len(u) // 4)
     for lag in sorted(range(-reach, reach + 1), key=abs):
@@ -186,7 +187,7 @@ def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) ->
 
 
 def check_asleep(r: Recording) -> list[Finding]:
-    """Rows in which a logger or a sensor was off: it reads nothing, and then jumps to what has inertia."""
+    """Stretches in which the logger or a sensor was off: constant readings, then a jump of a channel with inertia."""
     off: dict[tuple[int, int], list[str]] = {}
     for name in CANNOT_JUMP:
         for stretch in _stretches(r, name) if r.has(name) else []:
@@ -196,7 +197,7 @@ def check_asleep(r: Recording) -> list[Finding]:
         same = [name for name, values in r.signals.items() if not name.startswith(SD) and np.ptp(values[a:b]) == 0.0]
         others = [name for name in r.signals if not name.startswith(SD) and name not in same]
         if others and not all(r[name][a] == 0.0 for name in jumped):
-            continue  # one channel that keeps its last reading is stuck, which `check_frozen` looks for
+            continue  # a single channel that repeats its last reading is stuck: `check_frozen` reports it
         where = f"row {file_row(r, a).split()[1].rstrip(',')} to {file_row(r, b - 1)}"
         reads = "exactly 0" if all(r[name][a] == 0.0 for name in same) else "the same in every row"
         sentence = (
@@ -212,14 +213,14 @@ def check_asleep(r: Recording) -> list[Finding]:
 
 
 def _jump(r: Recording, name: str, a: int, b: int) -> float:
-    """The larger of the steps at the ends of some rows, within runs."""
+    """The larger of the steps at both ends of rows [a, b), within runs."""
     begins = {start for start, _ in r.runs}
     ends = [k for k in (a, b) if 0 < k < len(r) and k not in begins]
     return max((abs(float(r[name][k] - r[name][k - 1])) for k in ends), default=0.0)
 
 
 def _stretches(r: Recording, name: str) -> list[tuple[int, int]]:
-    """Rows [a, b) in which a channel stays as it is and at whose ends it jumps."""
+    """Rows [a, b) in which a channel is constant and at whose ends it jumps."""
     values = r[name]
     good = values[np.isfinite(values)]
     if good.size < FEWEST_ROWS:

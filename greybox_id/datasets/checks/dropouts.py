@@ -1,4 +1,4 @@
-"""Readings that are exactly zero for a row or two, where a message was lost and its place filled."""
+"""Readings that are exactly zero for a row or two because a message was lost."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from ..recording import Recording
 from .finding import Finding, FoundAt, Severity, file_rows
 
 LONGEST = 2
-"""Rows for which a reading is lost at most: where it is zero for longer, another check says so."""
+"""Largest number of rows of a lost reading; longer zeros are reported by other checks."""
 BEYOND, STEPS, LEVELS = 2.0, 3.0, 5.0
-"""Times what changes over the gap, the channel's usual step, and what its levels lie apart: by more than these, zero
-lies beside what was read before and after. Noise of a channel of few levels flickers by one or two of them."""
+"""Readings before and after a gap exceed `BEYOND` times their difference, `STEPS` usual steps and `LEVELS` times the
+distance between the channel's levels: noise of a coarsely quantised channel flickers by one or two levels."""
 FEWEST, SHARE = 8, 0.1
-"""Gaps at least, and of the rows that are exactly zero the least share that gaps are: a dead zone has other zeros."""
+"""Fewest gaps, and their smallest share of all rows that are exactly zero: a dead zone has other zeros."""
 
 
 def check_dropouts(recording: Recording) -> list[Finding]:
-    """Channels that fall to zero for a row or two, again and again."""
+    """Channels that repeatedly drop to zero for a row or two."""
     findings = []
     run = np.searchsorted([start for start, _ in recording.runs], np.arange(len(recording)), side="right")
     for name, values in recording.signals.items():

@@ -1,12 +1,12 @@
-"""Faults that have a size: offsets, scales, turned sensors, half of another car; of time, see `clocks`.
+"""Faults with a size: offsets, scales, rotated sensors, a change of vehicle half-way; of time, see `clocks`.
 
-Signs, axes and units are asked for by undoing them (`mapping_faults`). Here there is no list of values: each relation
-between channels is a sum of what motion makes of it and of what each fault would add, and least squares tells the size
-of every fault from the relations in which it stands, over the scatter between blocks of rows. What explains most of a
-conflict is named first, with its size; what would explain nearly as much stands beside it.
+Signs, axes and units are tested by undoing them (`mapping_faults`). Sizes are estimated instead: each relation between
+channels is a linear sum of the motion and of terms that faults add. Least squares estimates the size of every fault,
+with standard errors from the scatter between blocks of rows. The fault that explains most of a conflict is named first,
+with its size, followed by those that would explain nearly as much.
 
-    a_y = k v_x yaw_rate + b v_x + s dv_x/dt + c      b: offset of yaw_rate; s: a turned IMU; c: offset, roll, a bank
-    a_x = dv_x/dt + s v_x yaw_rate + c                s: a turned IMU, the other way round
+    a_y = k v_x yaw_rate + b v_x + s dv_x/dt + c      b: offset of yaw_rate; s: a rotated IMU; c: offset, roll, a bank
+    a_x = dv_x/dt + s v_x yaw_rate + c                s: a rotated IMU, with the opposite sign
     v_x steer = L yaw_rate + K v_x^2 yaw_rate + d v_x    d: offset of steer
 """
 
@@ -28,42 +28,42 @@ from .pairs import SHARPEST, acceleration_ahead, acceleration_aside, course_and_
 from .relations import SMOOTHING, thinned
 
 SLOW = 3.0
-"""s, of one under which the rate of v_y is averaged out: a swing of steering takes a second or two."""
+"""Smoothing time in s that averages out the rate of v_y: a steering oscillation takes a second or two."""
 BLOCKS = 12
-"""Stretches of a recording over whose scatter a size is held."""
+"""Number of blocks whose scatter gives the standard error of a size."""
 SURE = 6.0
-"""Standard errors: many sizes are looked at in a recording, and vehicles are no rigid bodies on flat roads."""
+"""Standard errors for significance: many sizes are tested, and vehicles are not rigid bodies on flat roads."""
 FITS = 0.9
-"""Share of a relation's variance that has to be explained before its coefficients are sizes of anything."""
+"""Share of a relation's variance that must be explained before its coefficients are interpreted as sizes."""
 ALSO = 0.6
-"""An explanation with so much of the best one's gain is named beside it."""
+"""Explanations with at least this share of the best one's gain are named as alternatives."""
 TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
-"""Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
-(5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
+"""Smallest sizes reported: offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), rotation
+of an IMU in rad (5 degrees), relative error of a scale, and offset of steer in rad; drives on usual roads with usual
 sensors have less."""
 LESS, ROLLS, SPEED = 0.05, 0.2, 0.03
-"""Shares by which a_y may read less and more than the motion says, and v_x be off: a usual sensor's scale is known to
-3 %, and a body that rolls reads gravity, 11 degrees per g at most."""
+"""Shares by which a_y may read less and more than the motion implies, and v_x may be off: a usual sensor's scale is
+known to 3 %, and a rolling body reads gravity, up to 11 degrees per g."""
 LONG = 4.0
-"""Times a receiver's shortest chord from which its noise, a metre in 20, makes chords longer by a few thousandths."""
+"""Least chord in units of a receiver's shortest: noise of a metre then lengthens chords by a few thousandths."""
 HELD_TOGETHER = 0.5
-"""Share of v_x steer that yaw_rate has to explain before halves are compared."""
+"""Share of v_x · steer that yaw_rate must explain before halves are compared."""
 HALF_LEFT = 0.5
-"""Share of a cause's acceleration at the usual speed that others may not undo."""
+"""Share of a cause's acceleration at the usual speed that must not be cancelled by other terms."""
 ONE_WAY = 0.2
-"""Share of the rows that has to turn the other way before steer is said to have an offset."""
+"""Share of rows turning in the other direction required to report an offset of steer."""
 GENTLE, HALF_GRIP = 5.0, 0.5
-"""m/s^2, and share of the hardest turns, up to which tyres are about linear."""
+"""Lateral acceleration in m/s^2, and its share of the hardest turns, up to which tyres are about linear."""
 HALF = 0.2
-"""Relative change of v_x steer / yaw_rate between halves that no load or tyre makes within a drive."""
+"""Relative change of v_x · steer / yaw_rate between halves that no load or tyre causes within a drive."""
 NEAR_RIGHT = 8.0
-"""Degrees about 90 within which an IMU is put right by its map."""
+"""Degrees around 90 within which the column map can correct the rotation of an IMU."""
 
 
 def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Finding]:
-    """Findings, and faults with their sizes: where signs, axes and units hold, or only an IMU was to be turned by 90°.
+    """Findings plus faults with sizes, if signs, axes and units are right or the only fault is an IMU rotated by 90°.
 
-    An IMU that is turned by another angle looks as if it were turned by 90°, of all that a map may say.
+    Since a map can only express rotations by 90°, an IMU rotated by another angle is first reported as one of these.
     """
     wrong = [finding for finding in findings if finding.kind in ("mapping", "sign", "unit")]
     if not wrong:
@@ -105,7 +105,7 @@ def check_explanations(recording: Recording) -> list[Finding]:
     if len(short) < 10 * BLOCKS or not short.has("v_x"):
         return result
     explained = [*_sideways(short), *_ahead(short)]
-    if speed := _speed(short):  # which says of what is off as well
+    if speed := _speed(short):  # an error of v_x also explains relative errors of the other channels
         explained = [*speed, *(item for item in explained if item.unit != "1")]
     offset = next((item.value for item in explained if item.channel == "yaw_rate" and item.unit == "rad/s"), 0.0)
     explained += _steered(short.with_signals(yaw_rate=short["yaw_rate"] - offset)) if "yaw_rate" in short else []
@@ -123,7 +123,7 @@ def check_explanations(recording: Recording) -> list[Finding]:
 
 @dataclass(frozen=True)
 class _Regression:
-    """Coefficients of a relation, their standard errors over blocks, and the share of variance that is explained."""
+    """Coefficients of a relation, their standard errors over blocks, and the share of variance explained."""
 
     values: Array
     errors: Array
@@ -131,12 +131,12 @@ class _Regression:
     parts: Array
 
     def sure(self, k: int, least: float) -> bool:
-        """Whether a coefficient is beyond a size, and beyond chance."""
+        """Whether a coefficient exceeds `least`, and is significant."""
         return bool(abs(self.values[k]) > least and abs(self.values[k]) > SURE * self.errors[k])
 
 
 def _regression(left: Array, columns: Sequence[Array]) -> _Regression | None:
-    """Least squares, jackknifed over blocks of rows; None where a recording does not tell the columns apart."""
+    """Least squares with a block jackknife; None if the columns are too collinear or rows too few."""
     table = np.column_stack(columns)
     rows = np.isfinite(left) & np.all(np.isfinite(table), axis=1)
     y, X = left[rows], table[rows]
@@ -158,7 +158,7 @@ def _regression(left: Array, columns: Sequence[Array]) -> _Regression | None:
 
 
 def _sideways(r: Recording) -> list[Explanation]:
-    """Faults that show where a_y meets v_x · yaw_rate, and a_x meets dv_x/dt."""
+    """Faults in the relation of a_y to v_x · yaw_rate, and of a_x to dv_x/dt."""
     if not r.has("a_y", "yaw_rate"):
         return []
     v, turn = r["v_x"], r["yaw_rate"]
@@ -169,7 +169,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     a_y = smooth(r, r["a_y"], SMOOTHING)
     both = _regression(a_y, smoothed)
     steady = both is None
-    if both is None:  # at one speed an offset of yaw_rate is the same as one of a_y
+    if both is None:  # at constant speed, offsets of yaw_rate and a_y are indistinguishable
         both = _regression(a_y, [smoothed[0], smoothed[2], smoothed[3]])
         if both is None or both.explained < FITS:
             return []
@@ -184,7 +184,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     usual = float(np.nanmean(v))
     by_bias = float(both.values[bias]) * usual if bias >= 0 else 0.0
     by_constant = float(both.values[constant])
-    net = abs(by_bias + by_constant)  # of one cause; two that undo each other are a curve over speed
+    net = abs(by_bias + by_constant)  # of a single cause; two terms that cancel are a nonlinear effect of speed
     if bias >= 0 and both.sure(bias, TURN_RATE) and net > HALF_LEFT * abs(by_bias):
         size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
         result.append(
@@ -208,7 +208,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     result += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
     turns, brakes = np.nanstd(smoothed[0]), np.nanstd(smoothed[2])
-    gentle = SCALE * turns < ANGLE * brakes  # an IMU that is hardly turned does as much
+    gentle = SCALE * turns < ANGLE * brakes  # a slightly rotated IMU has the same effect
     far = (LESS if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
     if far and not gentle and not result and not _vanishes_slowly(r, scale):
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
@@ -216,7 +216,7 @@ def _sideways(r: Recording) -> list[Explanation]:
 
 
 def _vanishes_slowly(r: Recording, scale: float) -> bool:
-    """Whether most of a scale is gone in what is slow: quick steering moves v_y, whose rate a_y holds as well."""
+    """Whether a scale error mostly vanishes at low frequencies: quick steering moves v_y, whose rate a_y contains."""
     if r.has("v_y"):
         return False
     left, right = (smooth(r, item, SLOW) for item in (r["a_y"], r["v_x"] * r["yaw_rate"]))
@@ -225,7 +225,7 @@ def _vanishes_slowly(r: Recording, scale: float) -> bool:
 
 
 def _ahead(r: Recording) -> list[Explanation]:
-    """A constant in a_x: an IMU that is pitched, a road that climbs throughout, an offset."""
+    """A constant in a_x: a pitched IMU, a road that climbs throughout, or an offset."""
     if not r.has("a_x"):
         return []
     columns = [rate(r, r["v_x"]), np.ones(len(r))]
@@ -245,9 +245,9 @@ def _ahead(r: Recording) -> list[Explanation]:
 
 
 def _turned(r: Recording, aside: float | None) -> list[Explanation]:
-    """An IMU that is turned about its vertical axis: each accelerometer reads some of the other's.
+    """An IMU rotated about its vertical axis: each accelerometer reads a share of the other axis.
 
-    `aside` is how much of dv_x/dt a_y reads, None where that is not asked.
+    `aside` : coefficient of dv_x/dt in a_y; None if it is not to be compared.
     """
     if not r.has("a_x"):
         return []
@@ -276,7 +276,7 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
 
 
 def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explanation:
-    """Which of a_y, yaw_rate and v_x has the wrong scale: the one that others contradict as well."""
+    """Find which of a_y, yaw_rate and v_x has the wrong scale: the one that other channels contradict as well."""
     blamed = {"a_y": scale}
     witnesses = []
     for place in grounds(r):
@@ -286,7 +286,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
     for name, left, right in witnesses:
         result = _regression(left, [right])
-        least = 0.5 * abs(np.log(scale))  # what explains less of it is not its cause
+        least = 0.5 * abs(np.log(scale))  # a channel that explains less is not the cause
         if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > least:
             blamed = {name: float(result.values[0])}
     surely = bool(witnesses) and (blamed != {"a_y": scale} or abs(np.log(scale)) > SCALE)
@@ -304,22 +304,22 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
 
 
 def _speed(r: Recording) -> list[Explanation]:
-    """A v_x of another scale: positions tell it, or else both accelerometers, which read as much too much or little.
+    """A scale error of v_x: by positions, else by both accelerometers, if they deviate by the same factor.
 
-    A body that rolls and pitches adds gravity to both, and never takes any away; their own scales may be as much less.
+    Roll and pitch of the body add gravity to both and never reduce it; the sensors' scales may be too small as well.
     """
     for place in grounds(r):
         turned = 0.5 * place.seconds * np.abs(smooth(r, r["yaw_rate"], place.seconds)) if r.has("yaw_rate") else 0.0
         pace, speed = smooth(r, np.abs(r["v_x"]), place.seconds), course_and_speed(r, place)[1]
         sound = (turned < SHARPEST / 2) & (speed * place.seconds > LONG * place.shortest)
-        over_ground = _regression(np.where(sound, pace, np.nan), [speed / np.sinc(turned / np.pi)])  # arcs, not chords
+        over_ground = _regression(np.where(sound, pace, np.nan), [speed / np.sinc(turned / np.pi)])  # arc length
         if over_ground is not None:
             other = f"the speed over ground ({place.words})"
             scale, error = float(over_ground.values[0]), float(over_ground.errors[0])
             return [_of_speed(scale, error, other, True)] if _is_off(scale, error) else []
     if not r.has("a_x", "a_y", "yaw_rate"):
         return []
-    seconds = SMOOTHING if r.has("v_y") else SLOW  # by which the rate of v_y is averaged out
+    seconds = SMOOTHING if r.has("v_y") else SLOW  # averages out the rate of v_y
     gains = []
     sides = ("a_x", acceleration_ahead(r)[1], SMOOTHING), ("a_y", acceleration_aside(r)[1], seconds)
     for name, values, over in sides:
@@ -336,7 +336,7 @@ def _speed(r: Recording) -> list[Explanation]:
 
 
 def _is_off(scale: float, error: float) -> bool:
-    """Whether a scale is not one, beyond what sensors are known to and beyond chance."""
+    """Whether a scale differs from one by more than a sensor's tolerance, significantly."""
     return bool(scale > 0.0 and abs(np.log(scale)) > SPEED and abs(scale - 1.0) > SURE * error)
 
 
@@ -348,7 +348,7 @@ def _of_speed(scale: float, error: float, other: str, witnessed: bool) -> Explan
 
 
 def _steered(r: Recording) -> list[Explanation]:
-    """Faults that show where yaw_rate meets v_x · steer: an offset of steer, another car in the second half."""
+    """Faults in the relation of yaw_rate to v_x · steer: an offset of steer, another vehicle in the second half."""
     if not r.has("steer", "yaw_rate"):
         return []
     v, turn, steer = (smooth(r, r[name], SMOOTHING) for name in ("v_x", "yaw_rate", "steer"))
@@ -362,7 +362,7 @@ def _steered(r: Recording) -> list[Explanation]:
     result: list[Explanation] = []
     whole = _regression(left, columns)
     left_turns = float(np.mean(turn[gentle & np.isfinite(turn)] > 0.0)) if np.any(gentle) else 0.0
-    both_ways = ONE_WAY < left_turns < 1.0 - ONE_WAY  # round one way, tyres that give way look like an offset
+    both_ways = ONE_WAY < left_turns < 1.0 - ONE_WAY  # in turns one way, nonlinear tyres look like an offset
     explained = whole is not None and whole.explained > HELD_TOGETHER and whole.values[0] > 0
     against = whole is not None and whole.explained > FITS and whole.values[0] < 0 and whole.sure(0, 0.0)
     if whole is not None and against and both_ways:

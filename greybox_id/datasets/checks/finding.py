@@ -1,4 +1,4 @@
-"""What a check has to say about a recording."""
+"""Findings: what a check reports about a recording."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from ...base.condition import LONGEST
 from ..recording import Recording
 
 MEANINGLESS = ("stuck", "asleep", "outlier", "placeholder")
-"""Findings whose rows are to be left out."""
+"""Kinds of findings whose rows should be left out."""
 MOST = 0.5
-"""Share of rows that leaving some out may cost."""
+"""Largest share of rows that may be left out."""
 
 
 class Severity(Enum):
@@ -28,15 +28,15 @@ class Severity(Enum):
     """
 
     NOTE = "note"
-    """Good to know; nothing need be done."""
+    """Information; nothing needs to be done."""
     WARNING = "warning"
-    """A fit can live with it, but should be told: a join, an offset, a held channel."""
+    """A fit is possible, but should take it into account: a join, an offset, a held channel."""
     DISTRUST = "distrust"
-    """Results from this recording mean nothing until it is mended."""
+    """Results from this recording are meaningless until it is corrected."""
 
 
 class FaultCause(Enum):
-    """What a column map may have wrong, as far as other checks take it into account."""
+    """Category of a column map fault, for other checks that take it into account."""
 
     SIGN = "wrong sign"
     TURN = "IMU turned by 90°"
@@ -51,7 +51,7 @@ class FoundAt:
     ----------
     channel : signal or channels concerned, "time" for the clock.
     run : number of the run, counted from 1; None for the whole recording.
-    rows : rows of the recording concerned, counted from 0; empty where the finding is about no row in particular.
+    rows : rows of the recording concerned, counted from 0; empty if no particular rows are concerned.
     """
 
     channel: str
@@ -69,11 +69,11 @@ class Finding:
     severity : how much it matters.
     where : channel, run and rows.
     sentence : for people, with numbers and units.
-    value, uncertainty, unit : the number the finding rests on, its standard uncertainty (None if it has none, as for
-        a count) and unit.
-    repair : signal (or time) -> the signal whose column holds it, and the factor and the offset (in SI units, added
-        afterwards) that put that right; empty where the column map cannot mend what was found.
-    causes : of a fault of the column map, what it may be.
+    value, uncertainty, unit : the number on which the finding rests, its standard uncertainty (None if it has none,
+        such as a count) and unit.
+    repair : signal (or time) -> (signal whose column holds it, factor, offset in SI units added afterwards); empty if
+        the column map cannot correct the fault.
+    causes : possible causes in the column map.
 
     Examples
     --------
@@ -95,15 +95,15 @@ class Finding:
 
 
 def distrusted(findings: Iterable[Finding]) -> bool:
-    """Whether one of the findings forbids trusting the recording."""
+    """Whether one of the findings makes the recording unusable."""
     return any(finding.severity is Severity.DISTRUST for finding in findings)
 
 
 def condition_without(recording: Recording, findings: Iterable[Finding]) -> str:
-    """The condition of `Recording.where` that leaves out the rows that findings would have left out.
+    """The condition for `Recording.where` that leaves out the rows of `MEANINGLESS` findings.
 
-    It is empty where no finding would, where time does not run on or too little would be left, and where it would be
-    too long.
+    Empty if there are no such rows, if time is not increasing or too few rows would remain, or if the condition would
+    be too long.
     """
     rows = np.zeros(len(recording) + 2, dtype=int)
     for finding in findings:
@@ -124,17 +124,17 @@ def condition_without(recording: Recording, findings: Iterable[Finding]) -> str:
 
 @dataclass(frozen=True)
 class Explanation:
-    """A fault of some size.
+    """A fault with a size.
 
     Attributes
     ----------
-    sentence : what it is, and what to do.
+    sentence : the fault, and what to do about it.
     channel : signal concerned, or signals: "a_x, a_y".
-    value, error, unit : its size.
+    value, error, unit : size of the fault and its standard error.
     gain : how much of the conflict it explains, in squared standard errors.
-    witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
-    sign, offset : what the channel is to be multiplied by, and what is then to be added, in its SI unit; an offset of
-        None says that the map has no remedy.
+    witnessed : whether another channel confirms it; if not, the recording may be used with this doubt.
+    sign, offset : correction of the channel: factor, then offset in its SI unit; an offset of None means that the map
+        cannot correct it.
     """
 
     sentence: str
@@ -149,13 +149,13 @@ class Explanation:
 
 
 def file_row(recording: Recording, row: int) -> str:
-    """A row of the recording in the words of its file: "row 700 of the file", header line counted."""
+    """A row of the recording as a row of its file: "row 700 of the file", counting the header line."""
     source = recording.source
     return f"row {row + (source.first_row or 1)} of the file" if source.path else f"row {row}, counted from 0"
 
 
 def listed(items: Iterable[str], at_most: int = 6) -> str:
-    """Words in a row, cut short: "a, b, c and 4 more"."""
+    """A list in words, shortened: "a, b, c and 4 more"."""
     words = list(items)
     if len(words) > at_most:
         return f"{', '.join(words[:at_most])} and {len(words) - at_most} more"
@@ -163,7 +163,7 @@ def listed(items: Iterable[str], at_most: int = 6) -> str:
 
 
 def file_rows(recording: Recording, rows: Iterable[int]) -> str:
-    """Rows in the words of the file: "rows 700 and 2084 of the file"."""
+    """Rows of the recording as rows of its file: "rows 700 and 2084 of the file"."""
     numbers = [int(row) for row in rows]
     if len(numbers) == 1:
         return file_row(recording, numbers[0])

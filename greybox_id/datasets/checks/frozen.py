@@ -1,4 +1,4 @@
-"""Channels that stand still for a while though others move."""
+"""Channels that are constant for a while although others change."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from .pairs import smooth
 from .relations import SMOOTHING
 
 STEADY = 0.9
-"""Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
+"""Share of a run beyond which a constant channel is intended, such as a speed that a controller keeps."""
 FROZEN, TIMES = 1.5, 20.0
-"""Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
+"""A channel is stuck if it is constant for at least the first, in s, and the second times its usual hold."""
 BESIDE = {
     "yaw_rate": ("a_y", "steer"), "v_x": ("a_x", "yaw_rate"), "a_x": ("a_y", "yaw_rate"), "a_y": ("yaw_rate", "steer"),
     "v_y": ("yaw_rate",), "steer": ("yaw_rate", "a_y"), "yaw": ("yaw_rate",),
 }  # fmt: skip
-"""Channel -> what goes with it."""
+"""Channel -> channels that change with it."""
 MOVES = 0.2
-"""Least scatter of what goes with it while a channel is stuck, over its usual size."""
+"""Least scatter of a related channel during the stretch, relative to its usual size."""
 HOLDS, AS_EVER = 3.0, 0.7
-"""Times the next longest hold from which a channel is stuck as well, where what goes with it moves on by so much of its
-usual scatter: a command may be held for long, but then the vehicle does not go on weaving."""
+"""A channel is also stuck if it is constant for `HOLDS` times the next longest hold, while a related channel scatters
+by `AS_EVER` of its usual size: a command may be held for long, but then the vehicle does not continue weaving."""
 SETTLED = 1.0
-"""s after which a vehicle whose steering is held turns as that and its speed say."""
+"""s after which the yaw rate at held steering has settled to the value that steering and speed determine."""
 WEAVES, BOTH_WAYS = 0.5, 0.25
-"""Shares of yaw_rate's usual scatter: what speed leaves of it while steer stands still, and what it reaches to the left
-and to the right. Model cars that slide or ramp up at held steering leave up to .47 (the public recordings of DART), and
-turn one way."""
+"""Shares of yaw_rate's usual scatter while steer is constant: the part that speed does not explain, and the yaw rate
+reached in both directions. Model cars that slide or accelerate at held steering have a residual of up to .47 (the
+public recordings of DART), and turn in one direction only."""
 
 
 def check_frozen(r: Recording) -> list[Finding]:
-    """Channels that stand still for a while though others move."""
+    """Findings about channels that are constant for a while although others change."""
     findings = []
     for name in BESIDE:
         if not r.has(name):
@@ -46,7 +46,7 @@ def check_frozen(r: Recording) -> list[Finding]:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
         begins, ends = edges[::2] - 1, edges[1::2]
         lengths = ends - begins
-        elsewhere = np.where(values[begins] == 0.0, 0, lengths)  # at zero a command rests
+        elsewhere = np.where(values[begins] == 0.0, 0, lengths)  # a command may rest at zero
         if not np.any(elsewhere):
             continue
         longest = int(np.argmax(elsewhere))
@@ -76,7 +76,7 @@ def check_frozen(r: Recording) -> list[Finding]:
 
 
 def _weaves(r: Recording, a: int, b: int) -> bool:
-    """Whether a vehicle turns, while its steering stands still, as no held steering makes it: this way and that."""
+    """Whether the vehicle weaves while its steering is constant, which held steering cannot cause."""
     settled = slice(a + int(np.ceil(SETTLED / r.sample_time)), b)
     if not r.has("yaw_rate"):
         return False
@@ -94,10 +94,10 @@ def _weaves(r: Recording, a: int, b: int) -> bool:
 
 
 def _moves(r: Recording, name: str, a: int, b: int) -> float:
-    """Scatter between two rows of what a channel goes with, over its usual size."""
+    """Scatter of a related channel between two rows, relative to its usual size."""
     for other in BESIDE[name]:
         if r.has(other) and np.any(np.isfinite(r[other][a:b])):
             part, whole = r[other][a:b], r[other]
-            usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # a circle that is driven moves nothing
+            usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # the mean: on a steady circle nothing changes
             return float(np.nanstd(part)) / max(usual, 1e-300)
     return 0.0

@@ -1,8 +1,8 @@
-"""What was done wrong in mapping columns to signals: signs, axes, units and the clock, one fault at a time.
+"""Faults of the column map: signs, axes, units and the clock, one fault at a time.
 
-A recording in which relations do not hold is asked again with a fault undone: a sign turned, two columns exchanged, an
-IMU turned back, a unit replaced. A fault is named where undoing it makes a relation hold that did not, and none fail
-that did. Where nothing in the recording moves, nothing holds either way, and nothing is accused.
+If relations between channels do not hold, each possible fault is undone in turn: a sign negated, two columns exchanged,
+an IMU rotated back, a unit replaced. A fault is reported if undoing it makes a failed relation hold and none fail that
+held. Without motion in the recording no relation is significant, and no fault is reported.
 """
 
 from __future__ import annotations
@@ -22,48 +22,48 @@ from .pairs import CERTAIN, ENOUGH
 from .relations import DRIVES, WHEELS, Relation, relations, thinned
 
 HOLDS = 0.65
-"""Agreement from which a relation counts as holding."""
+"""Agreement from which a relation holds."""
 BETTER = 0.4
-"""By how much a relation must agree better with the fault undone."""
+"""Least gain in a relation's agreement when the fault is undone."""
 REVERSED = 0.5
-"""A relation that agrees so well, and as badly before, has its sign from the fault."""
+"""A relation whose agreement changes from below minus this to above this had its sign reversed by the fault."""
 WORSE, HELD = 0.2, 0.5
-"""A relation that agreed by more than HELD and loses more than WORSE speaks against a fault."""
+"""A fault is excluded if undoing it costs more than WORSE in a relation whose agreement exceeded HELD."""
 MOST = 50.0
-"""Independent samples that one relation counts for at most: what limits it then is the relation itself."""
+"""Largest number of independent samples credited to one relation: beyond it, model error of the relation dominates."""
 AS_LIKELY = 0.9
-"""Faults with so much of the best one's evidence are as likely; of those that mend most relations, the one with the
-fewest columns is named."""
+"""Faults with at least this share of the best one's evidence are equally likely; among those that mend most relations,
+the one with the fewest columns is named."""
 EQUAL = 0.97
-"""Faults with so much of it and as few columns are named beside it."""
+"""Faults with at least this share of the evidence and equally few columns are named as alternatives."""
 STRANGE, WITNESS = 0.25, 0.85
-"""A channel that agrees with nothing, though others that should agree with it do so with each other."""
+"""Correlation below which a channel agrees with nothing, and above which those that should agree with it do so."""
 SEEN, PUSHED = 20.0, 0.5
-"""Independent samples, and lateral acceleration in m/s^2, without which nothing is called strange."""
+"""Independent samples, and lateral acceleration in m/s^2, required to report such a channel."""
 GRAVITY, ABOUT, STEADILY = 9.81, 1.3, 2.5
-"""m/s^2: what an accelerometer reads that points up, to within so much on average and about it."""
+"""m/s^2: gravity as read by an upward axis, and tolerances of its mean and of its variation."""
 SIDEWAYS = 1.0
-"""|v_y| over |v_x|, of the median row in motion, beyond which a vehicle moves sideways."""
+"""Median |v_y| over |v_x| in motion above which a vehicle moves sideways."""
 REVERSING = 0.5
-"""Share of rows below zero from which v_x may have the wrong sign."""
+"""Share of rows with negative v_x from which its sign may be wrong."""
 RPM = 30 / np.pi
 SMALLEST_WHEEL = 0.025
-"""Wheel radius over wheelbase; it is 0.09 to 0.18, and understeer makes the wheelbase look up to three times longer."""
+"""Least wheel radius over apparent wheelbase: truly 0.09 to 0.18; understeer lengthens the latter threefold."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that may be wrong with a map.
+    """A possible fault of a column map.
 
     Attributes
     ----------
-    what : in words, as the beginning of a sentence.
+    what : description, as the beginning of a sentence.
     remedy : what to write in the column map.
     channels : signals whose columns it concerns.
-    undo : the recording as it is without the fault.
-    scales : whether it changes sizes alone: series have the same shape with it, so that a relation that it mends was
-        of the right shape before.
-    cause : for the checks that take it into account.
+    undo : returns the recording without the fault.
+    scales : whether it changes sizes only: the shape of the series is then unaffected, so a relation that it mends must
+        have had the right shape before.
+    cause : category, for checks that take it into account.
     """
 
     what: str
@@ -76,7 +76,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class Explained:
-    """A fault and how much it explains."""
+    """A fault with its evidence, the relation that it mends best (before and after), and the number of others."""
 
     fault: Fault
     evidence: float
@@ -86,7 +86,7 @@ class Explained:
 
 
 def check_mapping(recording: Recording) -> list[Finding]:
-    """Findings about columns that are not what the map says, likeliest fault first; then what could not be checked."""
+    """Findings about wrong columns, the most likely fault first; then a list of what could not be checked."""
     short = thinned(recording)
     if len(short) < 10 or not short.sample_time > 0:
         return []
@@ -100,7 +100,7 @@ def check_mapping(recording: Recording) -> list[Finding]:
 
 
 def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
-    """Faults that explain what does not hold, likeliest first; as likely ones follow it."""
+    """Faults that explain the failed relations, the most likely first, followed by equally likely ones."""
     doubtful = {name for item in result if item.agreement < HOLDS for name in item.channels}
     explained = []
     for fault in _faults(short):
@@ -121,11 +121,11 @@ def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
 
 
 AT_LEAST = 0.5
-"""Of what a fault mends, the part that what it breaks has to leave."""
+"""Share of a fault's gains in evidence that must remain after its losses."""
 
 
 def _sensors(fault: Fault) -> int:
-    """How many sensors are at fault: a course and its rate are of one gyro, or of one that tells the other."""
+    """Number of sensors at fault: yaw and yaw_rate come from one sensor."""
     return len(fault.channels) - ({"yaw", "yaw_rate"} <= set(fault.channels))
 
 
@@ -153,7 +153,7 @@ def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation])
 
 
 def _certain(relation: Relation) -> bool:
-    """Whether chance does not agree so well."""
+    """Whether the agreement is significant."""
     n, c = relation.independent, min(abs(relation.correlation), 1 - 1e-12)
     return n >= ENOUGH and bool(np.arctanh(c) * np.sqrt(n - 3) > CERTAIN)
 
@@ -181,19 +181,19 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
 
 
 def _remedy(fault: Fault, recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
-    """What to do about a fault: of a unit that the map states already, the scale that is left."""
+    """What to do about a fault: the remedy, or the remaining scale if the map already states that unit."""
     changed = in_words(recording, repair) if fault.scales else ""
     return fault.remedy if not changed or "unit =" in changed else f"In the column map, {changed}."
 
 
 IMU = ("a_x", "a_y", "yaw_rate")
-"""What undoing a turn of the IMU reads, whichever of them it changes."""
+"""Channels read when a rotation of the IMU is undone, whichever of them it changes."""
 
 
 def _repair(fault: Fault) -> dict[str, tuple[str, float, float]]:
-    """What undoing a fault makes of each signal: another one's column, a factor; empty where it mixes columns.
+    """Column map repair for each signal: (source column's signal, factor, offset); empty if undoing mixes columns.
 
-    Undoing is linear: what it makes of one signal alone is asked of unit signals, one after the other.
+    Undoing is linear, so its matrix is found by applying it to unit signals, one after the other.
     """
     names = tuple(dict.fromkeys((*fault.channels, *IMU))) if fault.channels else ()
     repair: dict[str, tuple[str, float]] = {}
@@ -215,11 +215,11 @@ def _numbers(relation: Relation) -> str:
     return f"correlation {number(relation.correlation, 2)}{gain}"
 
 
-# ---- faults that are undone
+# ---- faults tested by undoing them
 
 
 def _faults(r: Recording) -> Iterator[Fault]:
-    """Every fault that the channels of a recording allow."""
+    """Every fault that is possible with the channels of a recording."""
     yield from _imu(r)
     yield from _velocities(r)
     for names in (
@@ -244,7 +244,7 @@ def _faults(r: Recording) -> Iterator[Fault]:
 
 
 def _imu(r: Recording) -> Iterator[Fault]:
-    """The four turns and four mirrorings of a pair of accelerometers, with the gyro's sign or without."""
+    """The four rotations and four reflections of a pair of accelerometers, each with and without the gyro's sign."""
     if r.has("a_x", "a_y"):
         for exchanged, along, across, turn in product((False, True), (1, -1), (1, -1), (1, -1)):
             if (exchanged, along, across, turn) != (False, 1, 1, 1) and (turn == 1 or r.has("yaw_rate")):
@@ -259,7 +259,7 @@ def _imu(r: Recording) -> Iterator[Fault]:
 
 
 def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
-    """The true a_x is `along` times the column of a_x (exchanged: of a_y), the true a_y `across` times the other."""
+    """The true a_x is `along` times the column of a_x (of a_y if exchanged), the true a_y `across` times the other."""
     first, second = ("a_y", "a_x") if exchanged else ("a_x", "a_y")
 
     def undo(r: Recording) -> Recording:
@@ -277,7 +277,7 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
         if names not in kinds:
             return replace(_wrong_sign(*names), undo=undo)
         return Fault(kinds[names], _turn(names), names, undo)
-    if turn * along * across < 0:  # det of the exchange is -1: a turn in space keeps the hand
+    if turn * along * across < 0:  # the exchange has determinant -1: a rotation in space preserves handedness
         sense = "to the left" if along < 0 else "to the right"
         what = f"the IMU is turned by 90° {sense}" if turn > 0 else "the IMU is upside down with x and y exchanged"
     else:
@@ -315,7 +315,7 @@ def _velocities(r: Recording) -> Iterator[Fault]:
 
 
 def _reverses(r: Recording) -> bool:
-    """Whether v_x is below zero for most of the time: nobody reverses for a whole drive."""
+    """Whether v_x is negative most of the time: nobody reverses for a whole drive."""
     return r.has("v_x") and float(np.nanmean(r["v_x"] < 0.0)) > REVERSING
 
 
@@ -324,7 +324,7 @@ def _exchanged(along: int, across: int) -> Callable[[Recording], Recording]:
 
 
 def _units(r: Recording) -> Iterator[Fault]:
-    """Units that are mistaken for each other."""
+    """Units that are commonly mistaken for each other."""
     degrees, g, kmh = 180 / np.pi, 9.80665, 3.6
     kinds: tuple[tuple[tuple[str, ...], float, str, str], ...] = (
         (("v_x",), kmh, "km/h", "m/s"),
@@ -362,11 +362,11 @@ def _turn(names: Sequence[str]) -> str:
     return f"Negate {listed(names)} in the column map (sign = -1, or remove sign = -1)."
 
 
-# ---- faults that show by themselves
+# ---- faults visible without undoing anything
 
 
 def _upright(r: Recording) -> list[Finding]:
-    """Accelerometers that read gravity."""
+    """Accelerometer axes that read gravity."""
     findings = []
     expected = {"a_x": np.zeros(len(r)), "a_y": r["v_x"] * r["yaw_rate"] if r.has("v_x", "yaw_rate") else None}
     for name, due in expected.items():
@@ -438,7 +438,7 @@ def _commanded(result: Sequence[Relation]) -> list[Finding]:
 
 
 def _strange(result: Sequence[Relation]) -> list[Finding]:
-    """Channels that agree with nothing, though what they should agree with agrees with each other."""
+    """Channels that agree with nothing, although the channels they should agree with agree with each other."""
     findings = []
     for name, others in (("yaw_rate", {"a_y", "steer", "v_x"}), ("a_y", {"yaw_rate", "steer", "v_x"})):
         value = [r for r in result if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
@@ -457,10 +457,10 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
     return findings
 
 
-# ---- what could not be checked
+# ---- checks that could not be done
 
 CLOCKED = ("a_x", "yaw_rate", "|v_x|")
-"""What may be held against a time derivative whose gain is known."""
+"""Left sides of relations with a time derivative and a known gain, which check the scale of time."""
 CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
     ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and one of yaw_rate, a_y or positions"),
     ("yaw_rate", "the sign of yaw_rate", lambda item: "yaw_rate" in item.channels and item.left != "v_y",
@@ -476,13 +476,13 @@ CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
      "a_x and v_x, yaw_rate and yaw, or positions"),
     *((name, f"the sign of {name}", lambda item, name=name: item.right == name, "v_x") for name in DRIVES),
 )  # fmt: skip
-"""Channel, what of it is checked, the relations that do it, what they need."""
+"""(channel, what is checked, predicate for the relations that check it, channels needed)."""
 
 
 def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Finding]) -> list[Finding]:
-    """Checks that need channels which are not there, or a motion that did not happen."""
+    """Notes on checks that lack channels or motion."""
     if findings:
-        return []  # one fault is told; what else holds is told once it is mended
+        return []  # one fault at a time: the rest is checked once it is corrected
     lacking, still = [], []
     for name, what, does, needs in CHECKS:
         if name != "time" and not r.has(name):

@@ -1,8 +1,6 @@
-"""Channels that must tell the same story: each pair is one quantity got in two ways.
+"""Pairs of channels that measure one quantity in two ways, equal up to a gain: yaw_rate and d(yaw)/dt, a_x and dv_x/dt.
 
-What the left side reads, the right side says as well, up to a gain: yaw_rate and d(yaw)/dt, a_x and dv_x/dt, ...
-
-How far two series agree: correlation, gain, and whether chance could do as much.
+Also the agreement of two series: correlation, gain, and statistical significance.
 """
 
 from __future__ import annotations
@@ -20,23 +18,24 @@ EARTH = 6.371e6
 """Mean radius of the earth, m."""
 
 SHARPEST = 1.0
-"""Angle in rad turned within one chord, up to which the course over ground follows."""
+"""Largest angle in rad turned within one chord for which the course over ground follows the yaw rate."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """One quantity, got in two ways.
+    """One quantity measured in two ways.
 
     Attributes
     ----------
-    left, right : what the two sides are called in sentences.
+    left, right : names of the two sides in sentences.
     nodes : the two channels whose signs are compared.
-    channels : every channel that takes part.
-    left_values, right_values : (n,) in the same unit up to a gain; NaN where a side cannot be formed.
-    kinematic : both sides are the same quantity (gain 1, no delay); otherwise the vehicle's response lies between.
+    channels : all channels involved.
+    left_values, right_values : (n,) in the same unit up to a gain; NaN where a side is undefined.
+    kinematic : whether both sides are the same quantity (gain 1, no delay); otherwise the vehicle's response lies
+        between.
     smoothing : width of the moving average for comparing gains, s.
-    lag_smoothing : standard deviation of the smoothing for comparing delays, s; None where a pair is too
-        coarse to tell a delay.
+    lag_smoothing : standard deviation of the smoothing for comparing delays, s; None if the pair is too coarse to
+        estimate a delay.
     """
 
     left: str
@@ -83,7 +82,7 @@ def pairs(recording: Recording) -> list[Pair]:
 
 
 def _of_curvature(r: Recording) -> list[Pair]:
-    """A path's curvature against the yaw rate, or in its place against steering and lateral acceleration."""
+    """Path curvature against yaw rate or, if that is missing, against steering and lateral acceleration."""
     if not r.has("curvature", "v_x"):
         return []
     turn, known, both = r["v_x"] * r["curvature"], "v_x · curvature", ("v_x", "curvature")
@@ -101,14 +100,14 @@ def _of_curvature(r: Recording) -> list[Pair]:
 
 
 def acceleration_ahead(r: Recording) -> tuple[str, Array]:
-    """What a_x is by the motion, in words and values."""
+    """Longitudinal acceleration from the motion, in words and values (n,)."""
     if r.has("yaw_rate", "v_y"):
         return "dv_x/dt - yaw_rate · v_y", rate(r, r["v_x"]) - r["yaw_rate"] * r["v_y"]
     return "dv_x/dt", rate(r, r["v_x"])
 
 
 def acceleration_aside(r: Recording) -> tuple[str, Array]:
-    """What a_y is by the motion, in words and values."""
+    """Lateral acceleration from the motion, in words and values (n,)."""
     if r.has("v_y"):
         return "v_x · yaw_rate + dv_y/dt", r["v_x"] * r["yaw_rate"] + rate(r, r["v_y"])
     return "v_x · yaw_rate", r["v_x"] * r["yaw_rate"]
@@ -116,15 +115,15 @@ def acceleration_aside(r: Recording) -> tuple[str, Array]:
 
 @dataclass(frozen=True)
 class Ground:
-    """Positions that a course and a speed over ground are had from.
+    """Positions from which course and speed over ground are computed.
 
     Attributes
     ----------
-    words : the channels, for people.
+    words : the channels, for sentences.
     channels : their names.
     east, north : (n,) m, or x and y of a map.
     seconds : duration of the chords, s.
-    shortest : length of a chord, m, below which it has no direction.
+    shortest : length of a chord, m, below which its direction is unreliable.
     """
 
     words: str
@@ -135,26 +134,26 @@ class Ground:
     shortest: float
 
     def twice_smoothed(self, r: Recording, values: Array) -> Array:
-        """A series smoothed as the difference of two chords is."""
+        """A series smoothed like a difference of two chords."""
         return smooth(r, smooth(r, values, self.seconds), self.seconds)
 
     def turning(self, r: Recording) -> Array:
-        """The yaw rate as the course follows it: past half a turn within a chord that comes round the other way."""
+        """The yaw rate smoothed like that of the course; NaN where the course turns too far within a chord."""
         gentle = self.twice_smoothed(r, np.abs(r["yaw_rate"])) * self.seconds < SHARPEST
         return np.where(gentle, self.twice_smoothed(r, r["yaw_rate"]), np.nan)
 
     def steered(self, r: Recording) -> Array:
-        """v_x · steer, smoothed alike."""
+        """v_x · steer, smoothed in the same way."""
         return self.twice_smoothed(r, r["v_x"] * r["steer"])
 
 
 def grounds(r: Recording) -> list[Ground]:
-    """All positions of a recording."""
+    """All position sources of a recording."""
     result = []
     if r.has("latitude", "longitude"):
         north = np.radians(r["latitude"]) * EARTH
         east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
-        # Receivers know their place to about a metre: the course needs a chord of several metres.
+        # Receivers are accurate to about a metre: the course needs a chord of several metres.
         result.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
     if r.has("x", "y"):
         result.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
@@ -162,7 +161,7 @@ def grounds(r: Recording) -> list[Ground]:
 
 
 def _over_ground(r: Recording) -> list[Pair]:
-    """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
+    """Course and speed over ground against yaw rate, steering and v_x: positions do not depend on sign conventions."""
     result = []
     for place in grounds(r):
         turn, speed = course_and_speed(r, place)
@@ -182,7 +181,7 @@ def _over_ground(r: Recording) -> list[Pair]:
 
 
 def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: str) -> list[Pair]:
-    """The course against heading, lateral acceleration and steering, where no yaw rate is recorded."""
+    """The course against heading, lateral acceleration and steering, if no yaw rate is recorded."""
     result, channels = [], place.channels
     if "yaw" in r:
         heading = place.twice_smoothed(r, rate(r, r["yaw"], True))
@@ -191,7 +190,7 @@ def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: st
         aside = place.twice_smoothed(r, r["a_y"]), turn * place.twice_smoothed(r, r["v_x"])
         result.append(_coarse("a_y", f"v_x · {along}", ("a_y", node), ("a_y", "v_x", *channels), *aside))
     if "steer" in r and "v_x" in r:
-        sides = turn, place.steered(r)  # as yaw_rate against v_x · steer: the gain is one over a length
+        sides = turn, place.steered(r)  # like yaw_rate against v_x · steer: the gain is one over a length
         coarse = _coarse(along, "v_x · steer", ("steer", node), ("v_x", "steer", *channels), *sides)
         result.append(replace(coarse, kinematic=False))
     return result
@@ -200,7 +199,7 @@ def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: st
 def _coarse(
     left: str, right: str, nodes: tuple[str, str], channels: tuple[str, ...], left_values: Array, right_values: Array
 ) -> Pair:
-    """A pair with chords of seconds behind it: smooth already, and too coarse to tell a delay."""
+    """A pair computed from chords of seconds: already smooth, and too coarse to estimate a delay."""
     return Pair(left, right, nodes, channels, left_values, right_values, smoothing=0.0, lag_smoothing=None)
 
 
@@ -261,13 +260,13 @@ def smooth(recording: Recording, values: Array, seconds: float) -> Array:
 
 
 CERTAIN = 4.0
-"""Fisher's z of the correlation, in standard deviations of chance, from which a sign counts as certain."""
+"""Fisher's z of the correlation, in standard deviations under independence, from which a sign is certain."""
 STRONG = 0.7
-"""Below this correlation the gain is told too badly to speak of units: the ratio of spreads is off by up to 1/0.7."""
+"""Correlation below which the gain is too inaccurate to judge units: the ratio of spreads errs by up to 1/0.7."""
 TINY = 1e-100
-"""Series smaller than this, or larger than its inverse, are no measurements."""
+"""Series smaller than this, or larger than its inverse, are not measurements."""
 ENOUGH = 12.0
-"""Independent samples needed: with fewer the correlation of two drifts is mistaken for agreement."""
+"""Fewest independent samples: with fewer, the correlation of two drifts could be mistaken for agreement."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +293,7 @@ class Agreement:
 
     @property
     def certain(self) -> bool:
-        """Whether an accusation may rest on it."""
+        """Whether the agreement is certain enough to report a fault."""
         return self.independent >= ENOUGH and self.beyond_chance
 
 
@@ -310,7 +309,7 @@ def run_agreements(recording: Recording, left: Array, right: Array, seconds: flo
 
 def _thinned(recording: Recording, left: Array, right: Array, seconds: float) -> list[tuple[Array, Array]]:
     a, b = smooth(recording, left, seconds), smooth(recording, right, seconds)
-    stride = max(1, int(round(max(seconds, 0.2) / 2 / recording.sample_time)))  # neighbours tell nothing new
+    stride = max(1, int(round(max(seconds, 0.2) / 2 / recording.sample_time)))  # closer rows are redundant
     parts = []
     for start, stop in recording.runs:
         u, v = a[start:stop:stride], b[start:stop:stride]
@@ -331,7 +330,7 @@ def _agreement(parts: list[tuple[Array, Array]]) -> Agreement:
 
 
 def standard(values: Array) -> tuple[Array, float]:
-    """The series with mean 0 and standard deviation 1, and its standard deviation before; 0 where it is constant."""
+    """The series with mean 0 and standard deviation 1, and its original standard deviation; 0 if it is constant."""
     size = float(np.max(np.abs(values), initial=0.0))
     if not TINY < size < 1 / TINY:
         return values, 0.0
@@ -342,7 +341,7 @@ def standard(values: Array) -> tuple[Array, float]:
 
 
 def _tame(values: Array) -> Array:
-    """Spikes cut off: a single wild value must not decide on a unit."""
+    """Clip extreme values: a single outlier must not decide on a unit."""
     if not values.size:
         return values
     low, high = np.quantile(values, [0.005, 0.995])
@@ -355,7 +354,7 @@ def independent_samples(x: Array, y: Array, ends: NDArray[np.int_]) -> float:
     for lag in range(1, max(2, len(x) // 3)):
         keep = np.ones(len(x) - lag, dtype=bool)
         for end in ends[:-1]:
-            keep[max(0, end - lag) : end] = False  # no product across a join
+            keep[max(0, end - lag) : end] = False  # no product across runs
         if np.count_nonzero(keep) < 5:
             break
         u = float(np.mean((x[lag:] * x[:-lag])[keep]))

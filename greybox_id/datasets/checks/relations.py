@@ -1,7 +1,7 @@
-"""How well channels keep to what holds between them on any vehicle: kinematics of a rigid body, and a little more.
+"""Relations that hold between channels of any vehicle, from rigid-body kinematics and little more, and how well.
 
-Where `pairs` hold two ways to one quantity against each other to tell gains and delays, relations say whether a
-recording hangs together as a whole, so that it can be asked again with one of its channels turned, exchanged or scaled.
+`pairs` compare two measurements of one quantity to estimate gains and delays. Relations judge the consistency of a
+recording as a whole, so that it can be tested again with a channel negated, exchanged or scaled.
 """
 
 from __future__ import annotations
@@ -26,45 +26,45 @@ from .pairs import (
 )
 
 RATE, MOST_ROWS, SLOWEST = 20.0, 30_000, 5.0
-"""Rows a second to which a recording is thinned: what a vehicle does as a whole is slower than 10 Hz. Recordings with
-more rows than that are thinned further, though not below 5 Hz."""
+"""Rate in Hz to which a recording is thinned (a vehicle's motion is slower than 10 Hz), the number of rows above which
+it is thinned further, and the lowest rate then."""
 SMOOTHING = 0.5
-"""s, of the moving average under which series are compared."""
+"""Width of the moving average before comparison, s."""
 TURNS, PUSHES, STEERS = 0.05, 0.6, 0.02
-"""Largest constant of a yaw rate in rad/s, of an acceleration in m/s^2 (offset and slope) and of a steering angle in
-rad (offset) that has nothing to say; what is constant beyond it does, so that a steady circle tells as well."""
+"""Largest constant that may be an offset and is ignored: of a yaw rate in rad/s, of an acceleration in m/s^2 (with
+slope) and of a steering angle in rad; a larger one is information, so that a steady circle can be judged as well."""
 SAME, TIGHT, PLACES = (0.6, 1.6), (0.75, 1.33), (0.7, 1.4)
-"""Gains between accelerations (slope, roll and pitch add to one side), between speeds, and between yaw rates."""
+"""Allowed gains between accelerations (slope, roll and pitch add to one side), speeds, and yaw rates."""
 LENGTHS = (0.06, 15.0)
-"""Of v_x · steer / yaw_rate in m, as in `consistency`."""
+"""Range of v_x · steer / yaw_rate in m, as in `consistency`."""
 RADII = (0.012, 1.0)
-"""Of wheels, m."""
+"""Range of wheel radii, m."""
 MASSES = (0.3, 6e4)
-"""Of vehicles, kg."""
+"""Range of vehicle masses, kg."""
 COMMANDS = (0.2, 4.0)
-"""Acceleration over the one commanded: an uncalibrated drive, and losses."""
+"""Range of acceleration over commanded acceleration: an uncalibrated drive, and losses."""
 SLACK = 0.1
-"""In the logarithm of a gain: what it may lie outside its range before agreement counts little."""
+"""Distance of the logarithm of a gain from its range at which agreement falls to 1/e."""
 SPEEDS = 0.1
-"""Share of v_x² · yaw_rate that yaw_rate alone must leave unexplained: speeds that differ by some 10 %."""
+"""Least share of v_x² · yaw_rate that yaw_rate must not explain: speeds then differ by some 10 %."""
 MOVING = 0.2
-"""Share of the usual speed below which ratios of speeds tell nothing."""
+"""Share of the usual speed below which ratios of speeds are not used."""
 DRIVES = ("drive_force", "ax_cmd", "motor_current")
 WHEELS = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
 
 
 @dataclass(frozen=True)
 class Relation:
-    """What holds between channels, and how well it does.
+    """A relation between channels, and how well it holds.
 
     Attributes
     ----------
     left, right : the two sides in words.
-    channels : every channel that takes part.
-    correlation : of the two sides, from -1 to 1; constants beyond an offset's size count.
-    gain : left over right, ratio of their sizes.
-    gains : between which gains the relation holds.
-    independent : samples that tell something new.
+    channels : all channels involved.
+    correlation : of the two sides, from -1 to 1; constants larger than an offset are included.
+    gain : ratio of sizes, left over right.
+    gains : range of gains in which the relation holds.
+    independent : number of independent samples.
     known : whether the gain is known, up to tolerances.
     right_size : root mean square of the right side.
     """
@@ -81,9 +81,9 @@ class Relation:
 
     @property
     def agreement(self) -> float:
-        """1 where the relation holds, 0 where the sides have nothing to do with each other or the gain is far off.
+        """1 if the relation holds, 0 if the sides are uncorrelated or the gain is far off, negative for opposite signs.
 
-        Noise on either side makes the ratio of sizes wrong by up to the correlation: so far a gain is believed.
+        Noise on either side biases the ratio of sizes by up to the correlation: the gain is judged with this tolerance.
         """
         if abs(self.correlation) < 0.05 or not 0 < self.gain < np.inf:
             return 0.0
@@ -94,7 +94,7 @@ class Relation:
 
 
 def thinned(recording: Recording) -> Recording:
-    """Means over blocks of rows, so that about `RATE` rows a second are left; blocks do not cross joins."""
+    """Means over blocks of rows, at about `RATE` Hz; blocks do not cross runs."""
     dt = recording.sample_time
     target = max(min(RATE, MOST_ROWS / max(recording.duration, dt)), SLOWEST)
     by = max(1, int(round(1 / (target * dt))))
@@ -121,12 +121,12 @@ def thinned(recording: Recording) -> Recording:
 
 
 def relations(r: Recording, touching: Collection[str] = ()) -> list[Relation]:
-    """All relations that the channels allow.
+    """All relations that can be formed from the channels.
 
     Parameters
     ----------
-    r : a recording that runs on, as `thinned` leaves it.
-    touching : only those in which one of these channels takes part; all of them if empty.
+    r : a contiguous recording, as returned by `thinned`.
+    touching : only relations that involve one of these channels; all if empty.
     """
     requested = _Asked(r, frozenset(touching))
     result = (
@@ -141,13 +141,13 @@ def relations(r: Recording, touching: Collection[str] = ()) -> list[Relation]:
 
 @dataclass(frozen=True)
 class _Asked:
-    """A recording and the channels that relations are wanted of."""
+    """A recording and the channels whose relations are requested."""
 
     recording: Recording
     touching: frozenset[str]
 
     def wants(self, *channels: str) -> bool:
-        """Whether a relation between these channels can be formed, and is wanted."""
+        """Whether a relation between these channels can be formed, and is requested."""
         return self.recording.has(*channels) and (not self.touching or not self.touching.isdisjoint(channels))
 
 
@@ -170,9 +170,10 @@ def _turning(requested: _Asked) -> list[Relation | None]:
 
 
 def _rear_axle(r: Recording) -> Relation | None:
-    """Its rear axle slips outwards: v_y = b · yaw_rate - k · v_x² · yaw_rate with k > 0, wherever (b) the sensor sits.
+    """Side slip of the rear axle: v_y = b · yaw_rate - k · v_x² · yaw_rate with k > 0, wherever (b) the sensor is
+    mounted.
 
-    Both sides are what yaw_rate does not explain: only recordings at several speeds tell the two terms apart.
+    Both sides are less the part that yaw_rate explains: the two terms can only be separated at several speeds.
     """
     v_y, rolls, slips = (
         smooth(r, item, SMOOTHING) for item in (r["v_y"], r["yaw_rate"], -r["v_x"] * np.abs(r["v_x"]) * r["yaw_rate"])
@@ -249,7 +250,7 @@ def _over_ground(requested: _Asked) -> list[Relation | None]:
 
 
 def _heading(r: Recording) -> list[Relation | None]:
-    """Velocity over ground, turned back by yaw, is v_x ahead and v_y to the left; yaw may count from any direction."""
+    """Velocity over ground rotated by yaw equals v_x ahead and v_y to the left, for any origin of yaw."""
     ground = rate(r, r["x"]) + 1j * rate(r, r["y"])
     ahead = np.exp(-1j * r["yaw"]) * ground
     body = r["v_x"] + 1j * (r["v_y"] if r.has("v_y") else 0.0)
@@ -296,7 +297,7 @@ def _relation(
     r: Recording, words: tuple[str, str], channels: tuple[str, ...], left: Array, right: Array,
     offsets: tuple[float, float], gains: tuple[float, float], known: bool = True, smoothing: float = SMOOTHING,
 ) -> Relation | None:  # fmt: skip
-    """A relation between two series, each of which may have a constant up to its offset that says nothing."""
+    """A relation between two series; a constant of up to `offsets` on each side is ignored."""
     stride = max(1, int(round(0.25 / r.sample_time)))
     sides, centred = [], []
     smoothed = [smooth(r, item, smoothing) for item in (left, right)]
@@ -310,7 +311,7 @@ def _relation(
     )
     if (compared := _compared(x, y)) is None:
         return None
-    moves = [np.concatenate([item[k] for item in centred]) for k in (0, 1)]  # runs driven to one side differ in mean
+    moves = [np.concatenate([item[k] for item in centred]) for k in (0, 1)]  # runs of one-sided turns differ in mean
     moves = [move / max(float(np.std(move)), TINY) for move in moves]
     count = independent_samples(moves[0], moves[1], np.cumsum([len(item) for item, _ in centred]))
     if constant_x and constant_y:
@@ -320,7 +321,7 @@ def _relation(
 
 
 def _compared(x: Array, y: Array) -> tuple[float, float, float] | None:
-    """Correlation about zero and sizes of two series; None of few rows, or where a size is none."""
+    """Correlation about zero and root mean squares of two series; None with too few rows or without variation."""
     size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
     if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
         return None
@@ -328,11 +329,11 @@ def _compared(x: Array, y: Array) -> tuple[float, float, float] | None:
 
 
 STEADY = 12.0
-"""Independent samples that a constant beyond twice an offset's size on both sides is worth."""
+"""Number of independent samples credited to constants larger than twice an offset on both sides."""
 
 
 def _about_zero(values: Array, offset: float) -> tuple[Array, bool]:
-    """A series less its mean, of which no more than `offset` is taken away; whether it is more than twice that."""
+    """A series less its mean, but at most `offset` of it; and whether the mean exceeds twice the offset."""
     if not values.size:
         return values, False
     low, high = np.quantile(values, [0.005, 0.995])
@@ -345,7 +346,7 @@ def _ratio(
     r: Recording, words: tuple[str, str], channels: tuple[str, ...], left: Array, right: Array,
     gains: tuple[float, float], known: bool,
 ) -> Relation | None:  # fmt: skip
-    """A relation between two speeds, which have no offset: constant speed tells as well."""
+    """A relation between two speeds, which have no offset: constant speed is informative as well."""
     pace = np.maximum(np.abs(left), np.abs(right))
     rows = np.isfinite(left) & np.isfinite(right)
     if not rows.any():
@@ -359,6 +360,6 @@ def _ratio(
 
 
 def _usual(values: Array) -> float:
-    """The size that a series has for most of the time in which it is not at rest."""
+    """Usual size of a series when not at rest: 90th percentile of its magnitude."""
     good = np.abs(values[np.isfinite(values)])
     return float(np.quantile(good, 0.9)) if good.size else 0.0

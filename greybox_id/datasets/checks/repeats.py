@@ -1,7 +1,6 @@
-"""Rows that were recorded once and are there twice: a file that was appended to itself, or that was held out as well.
+"""Duplicated rows: a file that was appended to itself, or training rows that are also held out.
 
-Readings scatter: no two rows of a drive are alike in all channels, and no stretch of rows comes again. Where one does,
-it was copied.
+Noisy readings never repeat in all channels, so a repeated stretch of rows was copied.
 """
 
 from __future__ import annotations
@@ -17,15 +16,15 @@ from .drive import FEWEST_ROWS
 from .finding import Finding, FoundAt, Severity, file_row
 
 ALIKE = 1e-3
-"""Of a channel's spread, to which readings are compared: digits that a file has not kept tell no rows apart."""
+"""Resolution of the comparison, as a share of a channel's spread: rounding in files must not hide a repetition."""
 LARGEST = 2.0**52
-"""A number of steps that is counted exactly."""
+"""Largest number of steps that is an exact integer."""
 MOST = 0.5
-"""Share of a stretch's rows that must come again: a few lie where rounding makes two of one."""
+"""Share of a stretch's rows that must repeat: rounding to a key separates a few equal rows."""
 
 
 def check_repeats(recording: Recording) -> list[Finding]:
-    """Stretches of rows that came before."""
+    """A finding about stretches of rows that repeat earlier ones."""
     names = _compared(recording, recording)
     stretches = sorted(_stretches(recording, recording, names, least=FEWEST_ROWS))
     if not stretches:
@@ -42,7 +41,7 @@ def check_repeats(recording: Recording) -> list[Finding]:
 
 
 def seen(recording: Recording, before: Recording) -> float:
-    """Share of a recording's rows that are rows of another, whatever both clocks say."""
+    """Share of a recording's rows that also occur in another recording, whatever the clocks."""
     found = np.zeros(len(recording), dtype=bool)
     for begin, end, _ in _stretches(recording, before, _compared(recording, before)):
         found[begin:end] = True
@@ -50,7 +49,7 @@ def seen(recording: Recording, before: Recording) -> float:
 
 
 def _compared(recording: Recording, before: Recording) -> list[str]:
-    """Channels that tell rows apart: measured, and moving."""
+    """Channels by which rows are compared: measured ones that vary."""
     return [
         name
         for name, values in before.signals.items()
@@ -59,7 +58,7 @@ def _compared(recording: Recording, before: Recording) -> list[str]:
 
 
 def _spread(values: Array) -> float:
-    """Standard deviation of the readings that are finite; zero where there is none, or numbers do not hold it."""
+    """Standard deviation of the finite readings; zero if there is none or it overflows."""
     known = values[np.isfinite(values)]
     with np.errstate(over="ignore", invalid="ignore"):
         result = float(np.std(known)) if known.size else 0.0
@@ -69,9 +68,10 @@ def _spread(values: Array) -> float:
 def _stretches(
     recording: Recording, before: Recording, names: list[str], least: int | None = None
 ) -> Iterator[tuple[int, int, int]]:
-    """First row, row after the last, and how many rows later they come than in the other, or than before in their own.
+    """(first row, row after the last, lag) of stretches that repeat rows of `before`, each matched to its first
+    occurrence.
 
-    A row is looked for where the other has it first; `least` rows later at least, if that is said.
+    With `least`, only lags of at least that many rows count, as needed within a single recording.
     """
     if len(names) < 2 or min(len(recording), len(before)) < FEWEST_ROWS:
         return
@@ -86,7 +86,7 @@ def _stretches(
         rows, lags = rows[lags >= least], lags[lags >= least]
     order = np.lexsort((rows, lags))
     rows, lags = rows[order], lags[order]
-    # a stretch ends where as many rows as make one do not come again
+    # a stretch ends at FEWEST_ROWS rows without a repetition
     cuts = np.flatnonzero((np.diff(lags) != 0) | (np.diff(rows) > FEWEST_ROWS)) + 1
     edges = np.concatenate([[0], cuts, [len(rows)]])
     for a in np.flatnonzero(np.diff(edges) >= FEWEST_ROWS):
@@ -97,7 +97,7 @@ def _stretches(
 
 
 def _keys(recording: Recording, units: Mapping[str, float]) -> tuple[Index, Mask]:
-    """(N,) an integer for each row, the same for rows alike; and whether the row has all its readings."""
+    """(N,) an integer key for each row, equal for equal rows; and whether all readings of the row are valid."""
     odd = np.random.default_rng(0)
     keys, whole = np.zeros(len(recording), dtype=np.int64), np.ones(len(recording), dtype=bool)
     for name, unit in units.items():

@@ -1,6 +1,6 @@
-"""Are the values to be trusted: missing, frozen at zero, clipped, held, spiked.
+"""Checks of single channels: missing, constant, clipped, held or outlying values.
 
-Is the clock to be trusted: joins, gaps, time running backwards or standing still, irregular sampling.
+Checks of the clock: joins, gaps, time that runs backwards or stands still, irregular sampling.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from .finding import Finding, FoundAt, Severity, file_row, file_rows, listed, ru
 from .pairs import smooth, standard
 
 NEEDED = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "motor_current", "drive_force")
-"""Channels that models are driven by or fitted to: a hole in one of them is a hole in the result."""
+"""Channels that models use as inputs or are fitted to: missing values in them affect the result."""
 TURNING = ("steer", "yaw_rate", "a_y", "v_y", "yaw", "sideslip")
-"""When one of these moves, the others move with it."""
+"""Channels that change together when the vehicle turns."""
 LEAST_MOTION, LEAST_TURN = 0.05, 0.5
-"""rad/s, m/s, m/s^2 or rad by which a channel's mean over MOTION_SECONDS must change before it counts as moving, and
-rad by which yaw must, for no vehicle drives straight on for ever ..."""
+"""Smallest change of a channel's mean over MOTION_SECONDS that counts as motion, in rad/s, m/s, m/s^2 or rad; and of
+yaw in rad, since no vehicle drives straight on for ever ..."""
 MOTION_SECONDS, NOISE_LEFT = 1.0, 5.0
-"""... and so many times what its noise leaves of it: steps that are noise alone average out."""
+"""... and this many times the noise of that mean: steps that are noise alone average out."""
 HELD_SHARE = 0.2
-"""Noise-free repeats in more than a fifth of the steps: the channel is updated more slowly than the rows say."""
+"""Share of exact repeats without noise above which the channel is updated more slowly than rows are recorded."""
 ZERO_SHARE = 0.2
 CLIP_COUNT = 8
 CLIP_RATIO = 5
-"""A stop collects many samples at the very extreme; noise has ever fewer towards it, quantised or not."""
+"""Samples at the extreme level over those at the next ones: a stop collects many, noise has fewer towards extremes."""
 SPIKE_LOCAL = 6.0
-"""A spike is this many times larger than the largest other departure from a running median nearby ..."""
+"""An outlier deviates from a running median by this many times the largest other deviation nearby ..."""
 SPIKE_GLOBAL = 4.0
-"""... and than the 99th percentile of such departures in the whole channel. Clean noise stays below 2.5 in both."""
+"""... and this many times the 99th percentile of deviations in the whole channel. Noise stays below 2.5 in both."""
 SPIKE_RANGE = 0.1
 """... and at least a tenth of the channel's usual range: smaller ones do no harm."""
 SPIKE_END = 1.0
 """... but the whole usual range in the first and last row of a run, which have a neighbour on one side only."""
 
 FAR_OFF = 3.0
-"""Ranges of all other values that a number which stands for no reading lies off at least."""
+"""Distance of a placeholder number from all other values, in units of their range."""
 
 
 def check_values(recording: Recording) -> list[Finding]:
@@ -91,7 +91,7 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
 
 
 def _moves(recording: Recording, name: str) -> bool:
-    """Whether a channel says that the vehicle does something: more than noise, offsets and road camber."""
+    """Whether a channel shows motion of the vehicle: more than noise, offsets and road camber."""
     if name not in recording or not recording.sample_time > 0:
         return False
     values = recording[name].copy()
@@ -124,7 +124,7 @@ def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 
 def zero_share(recording: Recording, name: str) -> float:
-    """Share of the rows, while the vehicle moves, in which a signal is exactly zero."""
+    """Share of rows in motion in which a signal is exactly zero."""
     driving = _driving(recording)
     return float(np.mean(recording[name][driving] == 0.0)) if driving.any() else 0.0
 
@@ -132,7 +132,7 @@ def zero_share(recording: Recording, name: str) -> float:
 def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
     steps, repeats = _steps(recording, name, values)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], repeats.astype(int), [0]])))
-    longest = int(np.max(edges[1::2] - edges[::2], initial=0))  # one long hold is a channel that got stuck
+    longest = int(np.max(edges[1::2] - edges[::2], initial=0))  # excluded: one long hold is a stuck channel
     if steps.size - longest < 20:
         return []
     share = float(np.count_nonzero(repeats) - longest) / (steps.size - longest)
@@ -149,7 +149,7 @@ def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 
 def _steps(recording: Recording, name: str, values: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Steps within runs while the vehicle moves, and which are exact repeats; rests at exactly zero are left out."""
+    """Steps within runs while the vehicle moves, and a mask of exact repeats; steps between zeros are left out."""
     inside = np.ones(len(values) - 1, dtype=bool)
     inside[[start - 1 for start, _ in recording.runs[1:]]] = False
     moving = _driving(recording)
@@ -177,7 +177,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
             continue
         stretches = int(np.count_nonzero(np.diff((values == level).astype(int), prepend=0) == 1))
         if stretches < 2:
-            continue  # one stretch is a vehicle at rest or a long hold
+            continue  # a single stretch is a standstill or a long hold
         unit = recording.unit(name)
         sentence = (
             f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows ({stretches} stretches of the "
@@ -191,7 +191,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 
 def check_placeholders(recording: Recording) -> list[Finding]:
-    """Numbers that stand for no reading, as -9999 does: the same again and again, and far from all others."""
+    """Placeholder numbers for missing readings, such as -9999: repeated exactly, and far from all other values."""
     findings = []
     for name, values in recording.signals.items():
         for level, rows in placeholders(values, CLIP_COUNT):
@@ -206,7 +206,7 @@ def check_placeholders(recording: Recording) -> list[Finding]:
 
 
 def placeholders(values: Array, fewest: int) -> list[tuple[float, Index]]:
-    """Numbers at either end of a channel, in so many rows or more and far from all others; and their rows."""
+    """Extreme values of a channel that occur in at least `fewest` rows, far from all others; and their rows."""
     result = []
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     for level, count, others in ((levels[:1], counts[:1], levels[1:]), (levels[-1:], counts[-1:], levels[:-1])):
@@ -218,7 +218,7 @@ def placeholders(values: Array, fewest: int) -> list[tuple[float, Index]]:
 
 
 def outlying(recording: Recording, name: str) -> Finding | None:
-    """Values of a signal that stand out from their neighbours, each for a sample or two."""
+    """Finding about values of a signal that deviate from their neighbours for a sample or two; None without any."""
     findings = _spikes(recording, name, recording[name])
     return findings[0] if findings else None
 
@@ -231,7 +231,7 @@ def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
         run = np.unwrap(values[start:stop]) if name == "yaw" else values[start:stop]
         if len(run) < 12 or not np.isfinite(run).all():
             continue
-        # Mirrored at the ends: a spike in the first row of a run must show as well.
+        # The median mirrors the series at the ends, so that a spike in the first row of a run is detected as well.
         departure = np.abs(run - median_of_five(run))
         departures[start:stop] = departure
         ends[[start, stop - 1]] = True
@@ -275,23 +275,23 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 RESTART_SECONDS = 1.0
-"""Time that falls by less than this, and by fewer than RESTART_SAMPLES, is no new recording: rows are out of order."""
+"""Time that falls by less than this, and by fewer than RESTART_SAMPLES, is not a new recording: rows are unordered."""
 RESTART_SAMPLES = 20
 JITTER_SHARE = 0.05
-"""Steps that scatter by more than 5 % of the usual step blur delays by as much."""
+"""Scatter of steps relative to the usual step above which delays are blurred by as much."""
 BROKEN_SHARE = 0.02
-"""Joins at more than 2 % of the rows leave runs of under 50 rows: that is irregular sampling, not joined recordings."""
+"""Share of rows that begin a run above which runs have under 50 rows: that is irregular sampling, not a join."""
 
 STEPS = (5e-5, 2.0)
-"""s between rows of a vehicle's recording: 20 kHz to one reading in two seconds, from which no motion is told."""
+"""Plausible sample times of a vehicle's recording, s: 20 kHz to one reading in two seconds."""
 UNITS = (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9), ("min", 60.0), ("h", 3600.0), ("day", 86_400.0))
-"""What time may be in where it is called seconds, in s."""
+"""Units in which time may be recorded although it is declared as seconds, and their size in s."""
 USUAL_STEPS, MIDDLE_STEP = (0.5e-3, 1.0), 0.02
-"""s; the unit that gives such a step is named, of several the one whose step is nearest to the middle."""
+"""Range of sample times in s for a suggested unit; of several, the one whose step is nearest to the second is named."""
 
 
 def sample_time_believable(step: float) -> bool:
-    """Whether a vehicle's motion may have been recorded with such a step, s."""
+    """Whether a sample time in s is plausible for a vehicle's recording."""
     return bool(STEPS[0] <= step <= STEPS[1])
 
 
@@ -315,7 +315,7 @@ def check_time(recording: Recording) -> list[Finding]:
             f"recorded; {remedy} under [time] in the column map."
         )
         findings.append(Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s"))
-    starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a part's gaps are asked for
+    starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a condition makes gaps
     steps = {row: float(time[row] - time[row - 1]) for row in starts if np.isfinite(time[row - 1 : row + 1]).all()}
     still = [row for row, step in steps.items() if step == 0]
     back = _set_back(recording, steps)
@@ -356,9 +356,9 @@ def check_time(recording: Recording) -> list[Finding]:
 
 
 def _set_back(recording: Recording, steps: dict[int, float]) -> dict[int, float]:
-    """Rows at which the clock was set back, and by how many s: stamps come again, while what is measured goes on.
+    """Rows at which the clock was set back, and by how many s: stamps repeat, while measured signals continue smoothly.
 
-    Rows out of order have each stamp once. Another recording begins anew, or at a time of its own: its readings jump.
+    Rows out of order have no repeated stamps. At the start of another recording, readings jump.
     """
     time, dt = recording.time, recording.sample_time
     if not any(step < 0 for step in steps.values()) or np.min(np.diff(np.sort(time[np.isfinite(time)]))) > 0.5 * dt:
@@ -373,7 +373,7 @@ def _set_back(recording: Recording, steps: dict[int, float]) -> dict[int, float]
 
 
 def _goes_on(recording: Recording, row: int, inside: Index) -> bool:
-    """Whether no signal changes more at a row than it does between others, `inside` unbroken runs."""
+    """Whether no signal changes more at this row than between the rows `inside` contiguous runs."""
     for values in recording.signals.values():
         changes = np.abs(np.diff(values, prepend=np.nan))
         usual = changes[inside][np.isfinite(changes[inside])]
@@ -383,7 +383,7 @@ def _goes_on(recording: Recording, row: int, inside: Index) -> bool:
 
 
 def _clock_set_back(recording: Recording, back: dict[int, float], even: bool) -> Finding:
-    """`even`: whether all other rows follow each other in the usual step."""
+    """`even` : whether all other rows follow each other in the usual step."""
     rows, dt = list(back), recording.sample_time
     by = number(max(back.values()), 2)
     where = file_row(recording, rows[0]) if len(rows) == 1 else file_rows(recording, rows)
@@ -438,13 +438,13 @@ def _clock(
 
 
 SMALL = 0.05
-"""An error beyond this share of the signal's own scatter is more than a note."""
+"""Resampling error relative to the signal's scatter above which a finding is a warning, not a note."""
 QUESTION = re.compile(r'^\s*#\?\s*(\w+)\s*=\s*\{\s*column\s*=(?!\s*"\.\.\.")', re.MULTILINE)
-"""A signal that a proposed map leaves open; one without a column is an offer, no question."""
+"""An open question in a proposed map: a commented signal with a column; one without a column is only an offer."""
 
 
 def check_reading(recording: Recording) -> list[Finding]:
-    """Findings about signals that were resampled, and the notes that reading left."""
+    """Findings about resampled signals, and the notes from reading the file."""
     findings = [Finding("reading", Severity.NOTE, FoundAt("file"), note) for note in recording.notes]
     findings += _open_questions(recording)
     for name, how in recording.resampled.items():
@@ -467,7 +467,7 @@ def check_reading(recording: Recording) -> list[Finding]:
 
 
 def _open_questions(recording: Recording) -> list[Finding]:
-    """Signals that the column map leaves open."""
+    """A finding about signals that the column map leaves open."""
     text = recording.source.column_map
     names = [name for name in dict.fromkeys(QUESTION.findall(text)) if name in SIGNALS and name not in recording]
     if not names:
