@@ -1,8 +1,7 @@
-"""From one start to where it leads: short predictions from the readings first, then the horizon that is wanted.
+"""The fit of a motion model from one starting point, and the certificate of its optimum.
 
-The last one is solved until the noise has settled that its residuals show.
-
-Certifying an optimum: Ipopt on the same problem confirms it, or carries on from it.
+Short prediction horizons from readings come first, then the requested horizon, which is solved again until the noise
+estimated from its residuals has settled. Ipopt then confirms the optimum of the same problem, or continues from it.
 """
 
 from __future__ import annotations
@@ -29,29 +28,29 @@ from .provenance import Certificate
 from .sizes import EVERY_SIZE, NEAR_SIZES, at_best_sizes
 
 SHORT_HORIZONS = (4, 100)
-"""Rows predicted from one start before the horizon that is wanted."""
+"""Rows predicted from one start before the requested horizon."""
 SHORT_ROWS = 4800
-"""Rows that these go over: they only lead to where the search of the wanted horizon begins, which goes over all.
+"""Rows used by the short horizons, which only lead to the start of the search over the requested horizon and all rows.
 
-Twice those from which 60 of 60 random starts led to the optimum (`benchmarks/starts.py`).
+Twice the number from which 60 of 60 random starts led to the optimum (`benchmarks/starts.py`).
 """
 GUESSED_NOISE = 0.1
-"""Noise assumed first, as a share of a signal's spread."""
+"""First guess of the noise, as a share of a signal's spread."""
 TOLERANCE, COMPARED, ROUGH = 1e-12, 1e-6, 1e-4
-"""Convergence of the last solve, of the last where only errors are compared, and of those that settle the noise."""
+"""Tolerance of the last solve, of the last solve if only errors are compared, and of solves that settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
-"""The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
-parameters move by less than the second; rounds at most."""
+"""The noise has settled when the residuals' spread changes it by less than SAME_NOISE, the observer's states when the
+parameters change by less than SAME_PLACE, relatively; largest number of rounds."""
 MOST_WALLS = 3
-"""Times that a search that stalled goes on with bounds where its objective jumps."""
+"""How often a stalled search continues with bounds where its objective jumps."""
 LEAST_NOISE = 1e-9
 SPREAD = 0.7
 """Standard deviation of the logarithm of positive parameters over random starts."""
 
 
 def starting_points(model: MotionModel, how: FitOptions) -> list[Array]:
-    """Nominal values, and others drawn about them, (parameters,) each: positive parameters keep their sign."""
+    """Nominal values, and random points around them, (parameters,) each: positive parameters keep their sign."""
     random = np.random.default_rng(how.seed)
     nominal = off_bounds(model, model.values)
     low = np.concatenate([np.full(p.size, p.bounds[0]) for p in model.parameters])
@@ -69,10 +68,10 @@ def starting_points(model: MotionModel, how: FitOptions) -> list[Array]:
 
 
 def off_bounds(model: MotionModel, p: Array) -> Array:
-    """(parameters,) with what is believed to lie near its lower bound, and is there, a standard deviation inside.
+    """(parameters,) with free parameters at their lower bound moved inside by their prior's standard deviation.
 
-    Readings just after a command jump with it where nothing is late, and no derivative knows of that jump: a search
-    that begins with all delays at none stays there, and other numbers take the blame.
+    At a delay of zero, readings just after a command jump with the delay, and no derivative shows this jump: a search
+    that starts with all delays at zero stays there, and other parameters compensate.
     """
     result, start = np.array(p), 0
     for parameter in model.parameters:
@@ -89,32 +88,32 @@ def off_bounds(model: MotionModel, p: Array) -> Array:
 
 @dataclass(frozen=True)
 class Attempt:
-    """Where one start led; about : (parameters,) that the problem was stated near."""
+    """Result from one start; about : (parameters,) near which the problem was set up."""
 
     problem: MotionProblem
     about: Array
     solution: Solution
 
     def sent(self) -> SentAttempt:
-        """As it goes between processes."""
+        """The attempt without its problem and simulation, for sending between processes."""
         return SentAttempt(self.problem.noise, self.about, replace(self.solution, nodes=None))
 
     def simulated(self) -> Attempt:
-        """With what it simulated where it ended."""
+        """The attempt with the simulation at its solution."""
         x = self.solution.x
         return replace(self, solution=replace(self.solution, nodes=self.problem.simulated_nodes(x)))
 
 
 @dataclass(frozen=True)
 class SentAttempt:
-    """The same between processes: the solution without its simulation, and what the problem is stated again with."""
+    """An attempt between processes: the solution without its simulation, and the data to set up its problem again."""
 
     noise: Array
     about: Array
     solution: Solution
 
     def received(self, simulator: Simulator, recordings: Sequence[Recording], how: FitOptions) -> Attempt:
-        """The same with its problem; what it simulated is missing still."""
+        """The attempt with its problem, but without the simulation."""
         return Attempt(_problem(simulator, recordings, self.noise, how, self.about), self.about, self.solution)
 
 
@@ -128,8 +127,8 @@ def attempted(
     short: Sequence[int] = SHORT_HORIZONS,
     tolerance: float = TOLERANCE,
 ) -> Attempt | None:
-    """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
-    reached: Attempt | None = None  # the last alone: each holds layouts of all rows
+    """Fit from one start; the last point reached if interrupted; None if the model is not finite."""
+    reached: Attempt | None = None  # only the last one: each has layouts of all rows
     try:
         for attempt in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
             if attempt.solution.status is Status.NOT_FINITE:
@@ -144,7 +143,7 @@ def attempted(
             raise
     assert reached is not None
     problem, p, solution = reached.problem, reached.about, reached.solution
-    if problem.horizon != how.horizon:  # of what is wanted, not of what is on the way to it
+    if problem.horizon != how.horizon:  # interrupted during a short horizon: state the requested problem
         p = problem.shared(solution.x)
         problem = _problem(simulator, recordings, problem.noise, how, p)
         x = problem.unknowns(p)
@@ -154,7 +153,7 @@ def attempted(
 
 
 def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> Array | None:
-    """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
+    """The parameters fitted from one start, without messages; None if the model is not finite there."""
     attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name, tolerance=COMPARED)
     if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
@@ -162,10 +161,9 @@ def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, ho
 
 
 def predicted_share(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> float:
-    """The share of the squared errors at parameters that a fit from there would take away, were predictions straight
-    in them.
+    """Share of the squared errors at p that a fit would remove if predictions were linear in the parameters.
 
-    Every output counts by what its errors are.
+    Each output is weighted by the spread of its errors.
     """
     problem = _problem(simulator, recordings, np.ones(len(simulator.trace.model.outputs)), how, p)
     x = problem.unknowns(p)
@@ -185,7 +183,7 @@ def _on_the_way(
     short: Sequence[int],
     tolerance: float,
 ) -> Iterator[Attempt]:
-    """Growing horizons, then the one that is wanted until the noise has settled."""
+    """Growing horizons, then the requested one until the noise has settled."""
     outputs = simulator.trace.model.outputs
     spread = np.array([_spread(recordings, output) for output in outputs])
     noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
@@ -210,7 +208,7 @@ def _on_the_way(
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
         solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
-        taken += solution.steps  # where rounds before ended at the optimum, the last one has none left to take
+        taken += solution.steps  # if earlier rounds ended at the optimum, the last one has no step left to take
         solution = replace(solution, steps=taken)
         yield Attempt(problem, p, solution)
         x, noise = solution.x, _counted_noise(problem, solution)
@@ -227,9 +225,9 @@ def _on_the_way(
 
 
 def with_starts(problem: MotionProblem, x: Array) -> Array:
-    """The same parameters with the starts that go with them; where the parameters are an optimum's, it is all of it.
+    """The same parameters with optimal initial states; at optimal parameters this gives the whole optimum.
 
-    From starts as they were read, parameters would first make up for these, and then come back along flat valleys.
+    From initial states as measured, parameters would first compensate for them, and then return along flat valleys.
     """
     if not len(problem.loose):
         return x
@@ -268,16 +266,16 @@ def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float,
 
 
 def _place(problem: MotionProblem, x: Array) -> str:
-    """Where a search is: what it moves, in SI units, as options of the command line write it."""
+    """The search's current free parameters, in SI units, as text in the format of the command line's options."""
     p = problem.shared(x)
     return " ".join(f"{name}={p[place]:.6g}" for name, place in free_places(problem.model.parameters).items())
 
 
 def _walled(problem: MotionProblem, solution: Solution) -> bool:
-    """Bound unknowns of the problem where its objective jumps up, as at bounds that were stated; whether there are any.
+    """Bound unknowns where the problem's objective jumps up; return whether there are any.
 
-    A delay meets such a wall where a reading would come before a command rather than after: a search leans on it, and
-    what a smooth objective would predict beyond keeps everything else from its optimum.
+    A delay meets such a wall where a reading would come before a command rather than after it: a search presses against
+    it, and the decrease that a smooth objective predicts beyond it keeps all other parameters from their optimum.
     """
     x, (low, high) = solution.x, (bound.copy() for bound in problem.bounds)
     equations = problem.normal_equations(x, solution.nodes)
@@ -310,7 +308,7 @@ def _problem(
 def misfit(
     attempt: Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array | None, how: FitOptions
 ) -> float:
-    """The objective where an attempt ended, under another noise where one is given: several compare only under one."""
+    """The objective of an attempt's solution, under another noise if given: objectives compare only under one noise."""
     noise = attempt.problem.noise if noise is None else noise
     p = attempt.problem.shared(attempt.solution.x)
     attempt.problem.forget_targets()
@@ -320,21 +318,21 @@ def misfit(
 
 
 def errors_at(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: FitOptions, p: Array) -> Array:
-    """(readings, outputs) prediction errors at parameters, (parameters,); NaN where nothing is read."""
+    """(readings, outputs) prediction errors at parameters p, (parameters,); NaN where nothing is read."""
     problem = _problem(simulator, recordings, noise, how, p)
     return problem.errors(problem.simulated_nodes(problem.unknowns(p)))
 
 
 def residual_noise(problem: MotionProblem, solution: Solution) -> Array:
-    """Spread of the residuals, output by output; where there are none, the noise stays what it was.
+    """Standard deviation of the residuals of each output; without residuals, the noise stays as it was.
 
-    Where outliers are to be expected, the middle half of the residuals tells it.
+    With a robust loss it is estimated from the median of their absolute values.
     """
     return _spread_of(problem, problem.errors(solution.nodes))
 
 
 def _spread_of(problem: MotionProblem, errors: Array) -> Array:
-    """The same of errors, (N, outputs), output by output: of hours, a copy of all is large."""
+    """As `residual_noise`, for errors (N, outputs); column by column: for hours of data a copy of all is large."""
     result = np.array(problem.noise, dtype=float)
     for k, column in enumerate(errors.T):
         known = column[np.isfinite(column)]
@@ -346,10 +344,10 @@ def _spread_of(problem: MotionProblem, errors: Array) -> Array:
 
 
 def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
-    """What one residual counts as, output by output: its spread times the root of its correlation time in rows.
+    """Effective noise per output: the residuals' spread times the root of their correlation time in rows.
 
-    Neighbouring residuals repeat each other. Taken as independent, a long recording sampled fast would outvote every
-    prior, and the output whose error drifts most slowly would outvote the others.
+    Neighbouring residuals are correlated. If they counted as independent, a long recording sampled fast would outweigh
+    every prior, and the output whose error drifts most slowly would outweigh the others.
     """
     errors = problem.errors(solution.nodes)
     times = [correlation_time(np.nan_to_num(errors[:, [k]])) for k in range(errors.shape[1])]
@@ -375,27 +373,27 @@ def _relative_change(before: Array, after: Array) -> float:
 
 
 def free_numbers(model: MotionModel, attempt: Attempt) -> dict[str, float]:
-    """Where an attempt ended, of single numbers that are free."""
+    """Values of the free scalar parameters at an attempt's solution."""
     p = attempt.problem.shared(attempt.solution.x)
     return {name: float(p[place]) for name, place in free_places(model.parameters).items()}
 
 
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 1
-"""Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
-weights), where it only carries on, and at a corner, where no gradient is zero and it can only try to gain."""
+"""Ipopt's iterations after Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
+weights), if Ipopt only continues, and at a corner, where no gradient is zero and Ipopt can only look for a decrease."""
 NOTHING = 1e-3
-"""The objective is a number of squared standard deviations: a gain of so much moves no parameter by a twentieth of its
-own. Where a few parameters are to be told, an optimum is confirmed only if there is not even that to gain."""
+"""The objective is a sum of squared standard deviations: a decrease of this size moves no parameter by a twentieth of
+its standard deviation. With few parameters, an optimum is confirmed only if the decrease is smaller."""
 
 
 REFINED, REFINING_STEPS, QUICK_STEPS = 1e-8, 10, 30
-"""Share of the objective that a step may still predict when a network's optimum is shown to Ipopt, and steps that get
-it there, the last those that do not linearise. Where Gauss-Newton ends, its steps gain a decade each, and Ipopt's first
-iterations hardly any."""
+"""Tolerance to which a network's optimum is refined before Ipopt checks it, and largest numbers of refining steps with
+and without linearisation. Near the optimum, Gauss-Newton steps gain a decade each, and Ipopt's first iterations hardly
+anything."""
 
 
 def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
-    """Ask Ipopt; keep what it found where that is better."""
+    """Check an optimum by Ipopt, and keep Ipopt's solution if it is better."""
     corner = np.inf
     if isinstance(problem, Problem) and result.status in (Status.CONVERGED, Status.SLOW):
         result, corner = _settled(problem, result) if problem.closed_loop else (_refined(problem, result), corner)
@@ -428,7 +426,7 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
     if solution.status is Status.INTERRUPTED:
         return replace(result, status=Status.INTERRUPTED), certificate
     if isinstance(problem, MotionProblem) and certificate.confirmed:
-        return replace(result, status=Status.CONVERGED), certificate  # Ipopt stays a little off its bounds
+        return replace(result, status=Status.CONVERGED), certificate  # Ipopt's point stays a little off its bounds
     if gained <= 0:
         return result, certificate
     status = Status.CONVERGED if solution.status is Status.CONVERGED else result.status
@@ -436,13 +434,13 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
 
 
 CLOSE, GRADIENTS = float(np.sqrt(2.0 * NOTHING)), 60
-"""How far about an optimum gradients are averaged, in standard deviations by its curvature: so far, the objective
-changes by `NOTHING`; gradients that are looked at."""
+"""Radius around an optimum within which gradients are averaged, in standard deviations by its curvature: over it, the
+objective changes by `NOTHING`; largest number of gradients."""
 IN_A_CORNER = "; the optimum is at a kink between local models, where the gradients of both sides balance"
 
 
 def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:
-    """An optimum in closed loop, and the average of the gradients about it: feeding back crosses corners."""
+    """An optimum in closed loop, and the average of the gradients around it: fed-back predictions cross corners."""
     x, objective, average = settle(
         problem, solution.x, problem.gradient, radius=CLOSE, least=CONFIRMED_WITHIN, steps=GRADIENTS
     )  # fmt: skip
@@ -453,7 +451,7 @@ def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:
 
 
 def _refined(problem: Problem, result: Solution) -> Solution:
-    """The same optimum, some steps nearer; as it was found where they gain nothing."""
+    """The optimum after some more steps; unchanged if they gain nothing."""
     x, history = refine(problem, result.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
     nearer = gauss_newton(problem, x, tolerance=REFINED, negligible=0.0, max_steps=REFINING_STEPS)
     if nearer.status is Status.INTERRUPTED or nearer.objective > result.objective:

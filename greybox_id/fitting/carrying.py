@@ -1,10 +1,10 @@
-"""What other fits of the same model say of a fit: to a recording it has not seen, to parts of its own, and without
-the tolerances that are stated of the vehicle.
+"""Tests of a fit by other fits of the same model: to a held-out recording, to parts of the training data, and with
+wider tolerances.
 
-Errors alone do not say whether a fit is as good as its model can be: one that was found on a straight road may beat
-every baseline on a winding one, and be far from what the model can do there. Nor do residuals say whether the stated
-vehicle is another, or two vehicles are in one recording: what a model of the right vehicle lacks moves estimates as far
-from what is stated. It does not let the same model predict as well again as soon as the numbers are free.
+Errors alone do not show whether a fit is as good as its model can be: a fit to a straight road may beat every baseline
+on a winding one, and be far from what the model can achieve there. Nor do residuals show whether the vehicle is not the
+one stated, or two vehicles are in one recording: model errors of the right vehicle move estimates as far from their
+stated values. But with the right vehicle, the model does not predict much better as soon as its parameters are free.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from .uncertainty.halves import BLOCKS, HALF, mixed_halves, prediction_limit
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0
-"""Horizon, s, over which the model is fitted to the held-out recording: fast, and hardly any start is too far off."""
+"""Horizon, s, over which the model is refitted: fast, and hardly any start is too far off."""
 MOST_ROWS = 6000
-"""Of a held-out recording, its first rows are enough."""
+"""First rows of a held-out recording that are used."""
 LESS = 1.35
-"""Errors so many times those of the refitted model are more than refitting gains by chance, which is a few percent: a
-model has ten parameters, a recording hundreds of independent readings. Less than the 1.5 of the best known that a
-usable fit must not exceed, since the best known need not be found."""
+"""Ratio of errors to those of a refit that exceeds the gain by chance, which is a few percent: a model has ten
+parameters, a recording hundreds of independent readings. It is below the 1.5 times the best known errors that a usable
+fit must not exceed, since the best known need not be the best possible."""
 REDUCTION = 0.15
-"""Share of its squared errors. Where a linearised fit to a recording would take less away, the fit itself is not made:
-of 248 eighths below, none had more than 1.28 times the errors of its refit; of 114 above, 49 had more than LESS
+"""Share of the squared errors that a linearised fit must remove for the fit itself to be made: of 248 eighths below it,
+none had more than 1.28 times the errors of its refit; of 114 above it, 49 had more than LESS
 (`benchmarks/verdicts.py`, 54 fits of seeds 1 and 2)."""
 FAR = LESS**2
-"""Errors so many times those of a refit, twice as far in logarithm, set a piece apart whatever its residuals say."""
+"""Ratio of errors to those of a refit that separates a piece whatever its residuals say: twice LESS in logarithm."""
 OPEN = 10.0
-"""Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
+"""Factor on stated tolerances that makes them ineffective, but keeps parameters that are not identifiable in range."""
 MIXED = 9
-"""In how many ways halves are mixed of a recording's blocks."""
+"""Number of ways in which a recording's blocks are mixed into halves."""
 REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
@@ -104,10 +104,10 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
 
 
 def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]) -> Iterator[Reason]:
-    """Whether an eighth of a recording, if it can carry a fit, needs other parameters; or all do, each its own.
+    """Reasons if an eighth of the recording that is long enough for a fit needs other parameters, or if all eighths do.
 
-    A model that lacks something has more errors where the drive shows it: a piece is of another vehicle where its
-    residuals say so, too (`odd`), or where its errors are larger than that accounts for.
+    An incomplete model has larger errors where the drive excites its deficiency: a piece counts as another vehicle if
+    its residuals say so, too (`odd`), or if its ratio exceeds FAR.
     """
     pieces = {
         k: piece
@@ -122,7 +122,7 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
     times = {k: times[k] for k in pieces if times[k] > 0.0}
     each = float(np.exp(np.mean(np.log([*times.values()]))))
     apart = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
-    if not apart and not each > LESS:  # what all pieces have is the better reason
+    if not apart and not each > LESS:  # a deviation of all pieces is the better reason
         apart = {k: ratio for k, ratio in times.items() if ratio > FAR}
     if apart:
         where = max(apart, key=lambda k: apart[k])
@@ -144,10 +144,10 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
 def _parts_apart(
     compared: _Compared, form: Mapping[str, Any], recording: Recording, unfitted: Array | None
 ) -> Iterator[Reason]:
-    """Whether two parts of a recording are of two vehicles: those that residuals name, or else halves.
+    """Reasons if two parts of a recording are of two vehicles: parts named by the residuals (`form`), or else halves.
 
-    Where residuals say so of halves, little more is asked of refits; else errors must be as much larger as nothing but
-    another vehicle makes them, for a fit to a quarter of a drive is less sure.
+    If residuals separate the halves, a small ratio of errors suffices; otherwise the ratio must exceed those of mixed
+    halves, since a fit to part of a drive is less certain.
     """
     named = form.get("first", HALF)
     for count in dict.fromkeys((named, HALF)):
@@ -165,13 +165,13 @@ def _parts_apart(
 
 
 def _unfitted(model: MotionModel, fit: Fit) -> Array:
-    """The numbers that were stated."""
+    """Parameters with their values before the fit."""
     before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
     return model.with_parameters(*(model[n].with_value(v) for n, v in before.items())).values
 
 
 def _parts_differ(times: float, stays: bool, count: int) -> str:
-    """The sentence; of one vehicle where the numbers that were stated err less than half as much, in log, on both."""
+    """The sentence; the vehicle is the same if the stated values have less than half the log ratio on both parts."""
     half = "half" if count == HALF else "part"
     one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
     result = (
@@ -191,15 +191,16 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
 
 @dataclass(frozen=True)
 class _Compared:
-    """A model with stated tolerances and with wider ones, and the numbers that fits begin from."""
+    """A model with stated and with wider tolerances, and the parameters at which refits start."""
 
     stated: Simulator
     opened: Simulator
     start: Array
 
     def apart(self, one: Recording, other: Recording) -> float:
-        """What is fitted to one recording, on the other: errors over those that the model can have there, the larger of
-        both ways; NaN where neither can be fitted.
+        """Errors of a fit to one recording, on the other one, relative to the best possible there; larger of both ways.
+
+        NaN if neither can be fitted.
         """
         both = (one, other)
         each = [_refitted(self.stated, part, self.start) for part in both]
@@ -211,13 +212,13 @@ class _Compared:
         return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
 
     def worst(self, p: Array, parts: Iterable[Recording]) -> float:
-        """Errors of parameters over those that the model can have, where that is most."""
+        """Largest ratio over the parts of the errors at p to the best possible ones."""
         best = [(part, _refitted(self.opened, part, self.start)) for part in parts]
         return max(_ratio(self.stated, p, self.opened, refit, part) for part, refit in best)
 
 
 def _stands_out(times: float, mixed: Iterable[float]) -> bool:
-    """Whether a ratio is beyond the scatter of others of its kind: a prediction limit by Student's t, of logarithms."""
+    """Whether a ratio exceeds the scatter of comparable ones: a prediction limit by Student's t, of logarithms."""
     logs = list[float]()
     for other in mixed:
         if other >= times:
@@ -228,7 +229,7 @@ def _stands_out(times: float, mixed: Iterable[float]) -> bool:
 
 
 def _parts(recording: Recording, count: int) -> Iterator[tuple[Recording, Recording]]:
-    """The first blocks, so many, and the rest; then halves that mix both."""
+    """The first `count` blocks and the rest; then halves of mixed blocks."""
     blocks, mixed = _blocks(recording), mixed_halves()
     for one in (tuple(range(count)), *mixed[:: len(mixed) // MIXED][:MIXED]):
         other = (k for k in range(BLOCKS) if k not in one)
@@ -236,7 +237,7 @@ def _parts(recording: Recording, count: int) -> Iterator[tuple[Recording, Record
 
 
 def _blocks(recording: Recording) -> list[Recording]:
-    """Its eighths, of each the beginning."""
+    """The beginnings of the recording's eighths."""
     edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
     return [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
 
@@ -254,7 +255,7 @@ def _beginning(recording: Recording, most: int = MOST_ROWS) -> Recording:
 
 
 def _refitted(simulator: Simulator, recording: Recording, start: Array) -> Array | None:
-    """The parameters of a quick fit; None where the recording has no row to begin from, or nothing is finite."""
+    """The parameters of a quick fit; None if the recording has no row to start from, or nothing is finite."""
     try:
         return refitted(simulator, [recording], start, REFIT)
     except BadInput:
@@ -262,7 +263,7 @@ def _refitted(simulator: Simulator, recording: Recording, start: Array) -> Array
 
 
 def _reducible(simulator: Simulator, recording: Recording, p: Array) -> bool:
-    """Whether a fit from there may have clearly smaller errors."""
+    """Whether a fit from p may have clearly smaller errors."""
     try:
         return not predicted_share(simulator, [recording], p, REFIT) < REDUCTION
     except BadInput:
@@ -270,7 +271,7 @@ def _reducible(simulator: Simulator, recording: Recording, p: Array) -> bool:
 
 
 def _ratio(simulator: Simulator, p: Array, other: Simulator, best: Array | None, recording: Recording) -> float:
-    """Errors over those of other parameters; NaN where there are none."""
+    """Ratio of the errors at p to those at `best`; NaN if `best` is None."""
     if best is None:
         return float("nan")
     return times_as_large(

@@ -31,15 +31,15 @@ USABLE, WITH_CARE, NOT_USABLE = USABILITIES
 
 @dataclass(frozen=True)
 class Verdict:
-    """What becomes of a fit.
+    """Whether a fit is usable, and why.
 
     Attributes
     ----------
     usability : "usable", "usable with care" or "not usable".
-    reasons : short sentences, the gravest first; those of a usable fit say what speaks for it.
-    comparison : role or recording -> horizon -> output -> {rmse, fit_percent, fvu, persistence, unfitted}: errors
-        beside those of persistence and of the model as it was before it was fitted. fit_percent is
-        100 (1 - rmse / standard deviation of the readings); what was not compared is missing.
+    reasons : short sentences, the gravest first; for a usable fit, reasons in its favour.
+    comparison : role or recording -> horizon -> output -> {rmse, fit_percent, fvu, persistence, unfitted}: errors of
+        the fit, of persistence and of the model before the fit. fit_percent is
+        100 (1 - rmse / standard deviation of the readings); comparisons that were not made are missing.
     """
 
     usability: Usability
@@ -52,7 +52,7 @@ class Verdict:
 
 
 def verdict_from(body: Mapping[str, Any]) -> Verdict | None:
-    """A verdict as `Verdict.as_dict` left it; None where there is none. Raises `ValueError` for an unknown one."""
+    """A verdict from the result of `Verdict.as_dict`; None without one. Raises `ValueError` for an unknown one."""
     word = body.get("verdict")
     if word is None:
         return None
@@ -63,7 +63,7 @@ def verdict_from(body: Mapping[str, Any]) -> Verdict | None:
 
 @dataclass(frozen=True)
 class Reason:
-    """One thing for or against a fit, and the best that can be said of a fit of which it holds."""
+    """A reason for or against a fit, and the best verdict that it permits."""
 
     at_best: Usability
     sentence: str
@@ -80,7 +80,7 @@ def with_reason(verdict: Verdict, reason: Reason | None) -> Verdict:
 
 
 def weighed(reasons: Sequence[Reason], comparison: Mapping[str, Any]) -> Verdict:
-    """The verdict that the gravest reason leaves; reasons that speak for a fit are only told of a usable one."""
+    """The verdict that the gravest reason permits; reasons in favour are kept only for a usable fit."""
     worst = max((USABILITIES.index(reason.at_best) for reason in reasons), default=0)
     against = sorted(
         (reason for reason in reasons if reason.at_best != USABLE), key=lambda item: -USABILITIES.index(item.at_best)
@@ -95,7 +95,7 @@ CONFIDENCE, Z = 0.975, 1.959963984540054
 
 @dataclass(frozen=True)
 class Combined:
-    """A combination of parameters as a fit tells it: value, standard deviation and 95 % interval, in its unit."""
+    """The estimate of a combination of parameters: value, standard deviation and 95 % interval, in its unit."""
 
     name: str
     unit: str
@@ -107,7 +107,7 @@ class Combined:
 
 
 def reach(dof: Array | float, quantile: float = CONFIDENCE) -> Array:
-    """How many standard deviations an interval reaches to either side, by Student's t, up to an upper quantile."""
+    """Half-width of an interval in standard deviations, for an upper quantile, by Student's t."""
     dof = np.asarray(dof, dtype=float)
     finite = np.isfinite(dof)
     known = Z if quantile == CONFIDENCE else float(special.ndtri(quantile))
@@ -115,12 +115,12 @@ def reach(dof: Array | float, quantile: float = CONFIDENCE) -> Array:
 
 
 def combined(combination: Combination, model: Model, covariance: Array, dof: Mapping[str, Array]) -> Combined:
-    """A combination to first order: its derivative by every parameter, and their covariance.
+    """Estimate a combination to first order, from its derivatives and the parameters' covariance.
 
     Parameters
     ----------
-    combination : what is asked for.
-    model : at its estimates.
+    combination : the combination.
+    model : the model, at its estimates.
     covariance : (parameters, parameters) of its parameter vector.
     dof : name -> degrees of freedom of its standard deviation.
     """
@@ -142,7 +142,7 @@ def combined(combination: Combination, model: Model, covariance: Array, dof: Map
 
 
 def _welch(shares: Array, dof: Array) -> float:
-    """Degrees of freedom of a sum of variances, each known to its own (Welch & Satterthwaite)."""
+    """Degrees of freedom of a sum of variance estimates (Welch & Satterthwaite)."""
     weights = np.abs(shares)
     slack = float(np.sum(weights**2 / dof))
     return float(np.sum(weights)) ** 2 / slack if slack > 0 else np.inf
@@ -150,17 +150,18 @@ def _welch(shares: Array, dof: Array) -> float:
 
 KIND = Kind("greybox-fit", 2, "a fit", "greybox fit", "fit again")
 MOST_COVARIANCES = 200
-"""Numbers whose covariance is written into a file."""
+"""Largest number of parameters whose covariance is written into a file."""
 DOMINATED, SURPRISING = 0.7, 3.0
-"""A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
+"""Posterior standard deviation, as a share of the prior's, above which the prior dominates; distance from the prior
+mean, in prior standard deviations, beyond which the estimate conflicts with the prior."""
 CLEARLY = 10.0
-"""Log of how much likelier other parameters in a later part of the data have to be before they are told."""
+"""Log likelihood ratio that other parameters in a later part of the data must reach to be reported."""
 EIGHTHS = {2: "quarter", 3: "three eighths", 4: "half", 5: "five eighths", 6: "three quarters"}
-"""What the part of the data before that is called, which need not be half."""
+"""Names of the first part of the data, by its number of eighths."""
 FREE_RUN = "free run"
-"""The protocol under which every model is scored that moves on by itself."""
+"""The protocol by which every model that can simulate itself is scored."""
 UNTOLD = 0.5
-"""A positive number whose standard deviation is more than this share of it is not determined."""
+"""Largest relative standard deviation of a positive parameter that counts as determined."""
 
 
 @dataclass(frozen=True)
@@ -169,20 +170,20 @@ class Fit:
 
     Attributes
     ----------
-    model : the model at its estimates.
+    model : the model, at its estimates.
     sd : name -> standard deviation of every entry, in the parameter's unit, corrected for correlated residuals.
-    dof : name -> degrees of freedom of every entry's standard deviation; missing where there are plenty.
-    covariance : (parameters, parameters) of the model's parameter vector; None where it was not kept.
+    dof : name -> degrees of freedom of every entry's standard deviation; missing if there are plenty.
+    covariance : (parameters, parameters) of the model's parameter vector; None if it was not kept.
     per_run : name -> (runs, ...) estimates of run-scoped parameters on the training runs.
-    stages : the steps that led here.
+    stages : the steps of the fit.
     metrics : "train" and "validate" -> protocol -> output -> {rmse, rmse_sd, fvu, samples}.
-    data : recordings seen.
+    data : recordings used.
     mode : "cross-validation", "early stopping" or "given": how the strength of regularisation was chosen.
-    seed : of everything random.
-    how : horizon and further choices of the problem that was solved, to state it again.
-    command : what reproduces it.
-    version : greybox-id's own.
-    verdict : whether it can be used, and why; None where nobody judged it.
+    seed : seed of all random numbers.
+    how : horizon and further options of the problem that was solved, for setting it up again.
+    command : command that reproduces the fit.
+    version : version of greybox-id.
+    verdict : whether the fit is usable, and why; None if it was not judged.
     """
 
     model: Model
@@ -202,29 +203,29 @@ class Fit:
 
     @property
     def confirmed(self) -> bool:
-        """Whether it ended at an optimum; what is imported or was trained is taken as it is."""
+        """Whether the fit ended at an optimum; an imported fit, without stages, counts as such."""
         return not self.stages or self.stages[-1].confirmed
 
     def interval(self, name: str) -> tuple[Array, Array]:
-        """95 % interval of every entry of a parameter, cut at its bounds; NaN where it is held."""
+        """95 % interval of every entry of a parameter, clipped to its bounds; NaN if it is fixed."""
         parameter = self.model[name]
         sd = np.asarray(self.sd.get(name, np.full(parameter.shape, np.nan)))
         if parameter.fixed:
             sd = np.full(parameter.shape, np.nan)
         half = reach(self.dof.get(name, np.inf)) * sd
         low, high = parameter.bounds
-        with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
+        with np.errstate(invalid="ignore"):  # an effect at its infinite null has no interval
             return np.maximum(parameter.array - half, low), np.minimum(parameter.array + half, high)
 
     def combined(self) -> list[Combined]:
-        """The model's combinations of parameters, with what is known of them together."""
+        """Estimates of the model's combinations of parameters."""
         if self.covariance is None:
             return []
         known = [combined(each, self.model, self.covariance, self.dof) for each in self.model.combinations]
         return [replace(each, about="; ".join([each.about, *self._scaled(each.name)])) for each in known]
 
     def _scaled(self, name: str) -> list[str]:
-        """That a number scales with a stated one, if it does."""
+        """A note if a parameter is proportional to a stated one."""
         return [
             f"proportional to {stated}: valid only for the stated {stated}"
             for stated, of in self.how.get("scaling", {}).items()
@@ -232,7 +233,7 @@ class Fit:
         ]
 
     def notes(self) -> dict[str, str]:
-        """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
+        """Remarks on single parameters: fixed, at a bound, or weakly identifiable."""
         result = {}
         for parameter in self.model.parameters:
             sd = self.sd.get(parameter.name)
@@ -256,7 +257,7 @@ class Fit:
 
     @property
     def from_prior(self) -> tuple[str, ...]:
-        """Estimates that are more prior than data: their standard deviation is hardly less than the prior's."""
+        """Estimates dominated by their prior: their standard deviation is hardly smaller than the prior's."""
         return tuple(
             p.name
             for p in self.model.parameters
@@ -311,7 +312,7 @@ class Fit:
 
 
 def _origins_as_dict(model: Model) -> dict[str, Any]:
-    """Where equations come from that are not shipped; nothing where all are."""
+    """Origins of equations that greybox-id does not ship; empty if there are none."""
     value = model.origin
     result = {**model.origins, **({model.name: value} if value is not None else {})}
     return {"origins": {name: asdict(origin) for name, origin in result.items()}} if result else {}
@@ -326,7 +327,7 @@ def _prior_as_dict(parameter: Parameter) -> dict[str, Any] | None:
 
 
 def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
-    """The covariance of the numbers that moved, by name; that of networks is left out for its size."""
+    """The covariance of the free parameters, by name; that of networks is omitted for its size."""
     if fit.covariance is None:
         return None
     free = free_places(fit.model.parameters)
@@ -337,7 +338,7 @@ def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
 
 
 def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, str]:
-    """What is to be said of a number that its prior moved, or that moved away from its prior."""
+    """A remark on a parameter that its prior dominates, or that conflicts with it."""
     spread = float(np.max(np.asarray(prior.sd)))
     away = 0.0 if prior.mean is None else abs(float(parameter.array) - float(np.asarray(prior.mean))) / spread
     if away > SURPRISING:
@@ -346,11 +347,11 @@ def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, s
 
 
 def conflict(fitted: Model) -> float:
-    """By how much intervals are wider where estimates conflict with what was stated.
+    """Factor by which intervals widen if estimates conflict with stated values.
 
-    One of the stated numbers is off by more than its standard deviation then, and nothing says which: all are taken to
-    be uncertain by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least
-    Squares, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
+    A stated value is then off by more than its standard deviation, and it is unknown which: all are assumed uncertain
+    by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least Squares, Phys.
+    Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
     """
     away = [
         float((p.array - np.asarray(p.prior.mean)) / np.max(np.asarray(p.prior.sd)))

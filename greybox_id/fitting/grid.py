@@ -1,9 +1,9 @@
 """Many structures of one model with memory, each fitted and cross-validated, to choose one by more than its error.
 
 Source of the criterion and of the grids: Mungiello et al., "Vehicle dynamics learning from physics priors with
-model-structured neural networks", Sec. III and Fig. 7. Theirs is Akaike's on the validation data, which counts every
-reading as independent; beside it stand the same on the training data with as many readings as are independent, and
-blocked cross-validation.
+model-structured neural networks", Sec. III and Fig. 7. The paper uses Akaike's criterion on the validation data, which
+counts every reading as independent; added here are the criterion on the training data with an effective number of
+independent readings, and blocked cross-validation.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ from .scores.verdict import doubted
 from .steps import MOST_STEPS, TOLERANCE, fit_briefly
 
 MOST_CELLS = 10_000
-"""Fits in a grid: a slip of the pen is no day's work."""
+"""Largest number of fits in a grid, against slips of the pen."""
 FINGERPRINT, STRENGTHS_USED = "data", "strengths"
-"""Columns that say which data a row is of, and how strongly priors were taken."""
+"""Columns that identify a row's data, and hold the strengths of the priors."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """What a grid found.
+    """Result of a grid.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Grid:
     names : the settings that were varied.
     chosen, aic_best : rows: by the one-standard-error rule on cross-validation; of least AIC.
     interrupted : whether it was stopped before its end.
-    doubts : sentences on why the recordings are not to be trusted, which come before everything else.
+    doubts : sentences on why the recordings may be unreliable, to be shown first.
     """
 
     table: pd.DataFrame
@@ -66,7 +66,7 @@ class Grid:
     doubts: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """The result as plain data."""
         return {
             "doubts": list(self.doubts),
             "fits": len(self.table),
@@ -105,15 +105,16 @@ def fit_grid(
 
     Parameters
     ----------
-    name : of a model with memory that is fitted in one step.
+    name : name of a model with memory that is fitted in one step.
     train : training data.
     varied : setting -> its values.
     settings : the other settings.
-    validate : what is scored, and what the published AIC is formed on; the training data where there is none.
-    strength : of the priors; None cross-validates it once, on the structure that `settings` alone make.
-    jobs : processes at a time.
-    done : rows of an earlier run that are kept.
-    keep : called with the table whenever a row has come.
+    validate : recording to score, and to compute the published AIC on; the training data if None.
+    strength : strength of the priors; None cross-validates it once, on the structure that `settings` alone give.
+    jobs : number of processes.
+    done : rows of an earlier run to keep.
+    say : receives progress.
+    keep : called with the table after each new row.
 
     Raises
     ------
@@ -125,7 +126,7 @@ def fit_grid(
     base = dict(settings or {})
     train.must_run()
     several = cells(varied)
-    models = [_model(name, train, {**base, **cell}) for cell in several]  # what is wrong is better said before
+    models = [_model(name, train, {**base, **cell}) for cell in several]  # raises on bad settings before the work
     data = fingerprint(name, train, validate, base)
     rows = _kept(done, data, several)
     strengths = _strengths(name, train, base, strength, rows, say)
@@ -181,7 +182,7 @@ def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
 
 
 def fingerprint(name: str, train: Recording, validate: Recording | None, settings: Mapping[str, Any]) -> str:
-    """What tells grids of different data or models apart."""
+    """Text that distinguishes grids of different data or models."""
     part = [f"{one.source.sha256}{one.source.between}{one.source.where}:{len(one)}" for one in (train, validate) if one]
     return json.dumps([name, *part, settings], sort_keys=True, default=list)
 
@@ -301,8 +302,8 @@ def _row(
 def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, float]:
     """Cross-validated error of a fit as a share of the readings' spread, and its standard error over folds.
 
-    A fold's fit is one Gauss-Newton step from the fit to everything, without the fold's rows: to first order, what the
-    fit would have been. Errors count as at most `WORST`, as where strengths are chosen.
+    A fold's fit is one Gauss-Newton step from the fit to all data, without the fold's rows: the refit to first order.
+    Errors are clipped at `WORST`, as in choosing strengths.
     """
     believed = (problem.R.T @ problem.R).toarray()
     pull = problem.R.T @ problem.prior_residuals(x)
@@ -333,11 +334,11 @@ def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, fl
 
 
 def values_of(text: str) -> Iterator[Any]:
-    """Values of a setting as a command line writes them: 5,6,7 or 1:4 (both included) or one.
+    """Values of a setting in a text: 5,6,7 or 1:4 (both ends included) or a single one.
 
     Raises
     ------
-    BadInput : they cannot be understood.
+    BadInput : the text cannot be parsed.
     """
     for piece in text.split(","):
         low, colon, high = piece.partition(":")

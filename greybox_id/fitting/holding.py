@@ -1,13 +1,14 @@
-"""What commands did between the rows of a recording: kept their value, or ran on? Both are fitted, and weighed.
+"""Hold of commands between rows: kept constant, or interpolated? Both are fitted, and their likelihoods compared.
 
-A steering angle that was measured runs on between rows; a command is held. Taken wrongly, every command is half a row
-late or early, and inertia, tyres and delays make up for it. Where no map says which, the likelier is taken.
+A measured steering angle continues between rows; a command is held. With the wrong assumption, every command is half a
+row late or early, and inertia, tyres and delays compensate. If no column map states it, the likelier one is taken.
 
-Either way the instant of a row is known to a row at best. The two fits tell how parameters follow when commands come
-half a row later, and the errors at one of them how much later they would have to come: with s^2/12 of a row beforehand,
-the second moment of that is counted in every standard deviation, in those of times and of what acts like one.
+In either case the instant of a row is known only to within a row. The two fits show how parameters change when commands
+come half a row later, and the errors of one of them how much later they would have to come. With a prior variance of
+1/12 of a squared row, the second moment of that delay enters every standard deviation, of times and of all parameters
+that act like a delay.
 
-The problem that a fit solved, stated again, on recordings taken as the fit took them.
+`restated` sets up the problem that a fit solved again, on recordings treated as in the fit.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ from .how import FitOptions, quiet
 TOLERANCE = 1e-10
 Hold = Literal["zero", "linear"]
 IN_MOTION = "in motion or unbraked"
-"""Rows that are left of a vehicle that stands under its brake."""
+"""Note on a recording without the rows in which the vehicle stands under its brake."""
 
 
 def with_hold(recording: Recording, hold: Hold) -> Recording:
-    """The recording with commands held, or run on, between rows."""
+    """The recording with commands held, or interpolated, between rows."""
     return replace(recording, hold=hold)
 
 
 def as_fitted(fit: Fit, recording: Recording) -> Recording:
-    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
+    """A recording whose map does not state the hold, with the hold that the fit took for its recordings."""
     known = fit.how.get("hold")
     taken = known.get("taken") if isinstance(known, Mapping) else None
     if recording.hold_stated or taken not in ("zero", "linear"):
@@ -57,7 +58,7 @@ def as_fitted(fit: Fit, recording: Recording) -> Recording:
 
 
 def as_seen(fit: Fit, recording: Recording) -> Recording:
-    """A recording that the fit was trained on, as it was taken: rows that were left out are left out again."""
+    """A training recording as the fit used it: with its hold, and without the rows that were dropped."""
     recording = as_fitted(fit, recording)
     moving = ~standing(recording) if fit.how.get("stood") else np.ones(len(recording), dtype=bool)
     return recording if moving.all() or not moving.any() else recording.keep(moving, IN_MOTION)
@@ -74,16 +75,16 @@ def stated_again(model: Model, fit: Fit, recordings: Sequence[Recording]) -> tup
 def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, Solution]:
     """The least-squares problem of a fit, and its optimum.
 
-    Starts of predictions are not kept in a fit; they follow again from its parameters.
+    Initial states are not stored in a fit; they follow again from its parameters.
 
     Parameters
     ----------
     fit : the fit.
-    recordings : those it was trained on, in its order.
+    recordings : its training recordings, in the fit's order.
 
     Raises
     ------
-    BadInput : its kind of model solves no such problem, or it finds no optimum on these recordings.
+    BadInput : this kind of model solves no such problem, or is not finite on these recordings.
     """
     problem, x = stated_again(fit.model, fit, [as_seen(fit, recording) for recording in recordings])
     x = with_starts(problem, x) if isinstance(problem, MotionProblem) else x
@@ -96,7 +97,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, S
 
 
 def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[str]:
-    """The parameters whose profiles are asked for: free numbers that are the same in all runs.
+    """The requested parameters for profiles: free scalars that are the same in all runs.
 
     Raises
     ------
@@ -129,34 +130,34 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
 
 
 def place(problem: LeastSquares, model: Model, name: str) -> int:
-    """Where a parameter that is the same in all runs stands among the unknowns."""
+    """Index among the unknowns of a parameter that is the same in all runs."""
     before = itertools.takewhile(lambda parameter: parameter.name != name, model.parameters)
     return int(problem.layout.index[0][sum(parameter.size for parameter in before)])
 
 
 CLEAR = 3.0
-"""Nats, correlation counted, from which one is clearly likelier: odds of 20 to 1."""
+"""Log likelihood ratio, in nats and corrected for correlation, of a clearly likelier hold: odds of 20 to 1."""
 SHORTEST = 2e-3
-"""s between rows below which half a row shows in no vehicle."""
+"""Sample time, s, below which half a row is invisible in any vehicle."""
 MOST_ROWS = 50_000
-"""Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
+"""Rows above which a hold stated by the column map is not tested: the test costs a quarter of a fit."""
 ROW = 1 / sqrt(12.0)
-"""Standard deviation of an instant that is known to a row, rows."""
+"""Standard deviation of an instant that is known to within a row, in rows."""
 WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "interpolated between rows"}
 
 
 @dataclass(frozen=True)
 class Holding:
-    """What is held of commands between rows.
+    """Hold of commands between rows, compared with the other one.
 
     Attributes
     ----------
     taken : "zero" or "linear", as fitted.
-    stated : whether the column map says so.
-    gain : nats by which it is likelier than the other, correlation of residuals counted.
-    moved : parameter -> by how much the other moves it, in its unit.
-    late : root of the second moment of how late commands are beside the way taken, half rows.
-    values : (parameters,) where the other leads, from which it is fitted if it is likelier.
+    stated : whether the column map states it.
+    gain : log likelihood ratio over the other, nats, corrected for correlated residuals.
+    moved : parameter -> its change under the other hold, in its unit.
+    late : root of the second moment of the commands' delay relative to the hold taken, in half rows.
+    values : (parameters,) optimum of the other hold, the start of its fit if it is likelier.
     """
 
     taken: Hold
@@ -168,7 +169,7 @@ class Holding:
 
     @property
     def doubt(self) -> float:
-        """Probability of the other, both as likely beforehand; 0 where the map says which."""
+        """Probability of the other hold, with equal prior probabilities; 0 if the map states it."""
         return 0.0 if self.stated else float(1 / (1 + np.exp(min(self.gain, 700.0))))
 
     def as_dict(self) -> dict[str, Any]:
@@ -182,7 +183,7 @@ def other_than(hold: str) -> Hold:
 
 
 def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holding | None:
-    """How the fit's way between rows compares with the other; None where that cannot matter, or is not asked."""
+    """Compare the fit's hold with the other; None if it cannot matter, or is not to be tested."""
     model, holds = fit.model, {recording.hold for recording in recordings}
     if not isinstance(model, MotionModel) or len(holds) != 1 or not fit.confirmed or not _matters(model, recordings):
         return None
@@ -191,7 +192,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
         return None
     (taken,) = holds
     simulator = Simulator(model)
-    once = replace(how, starts=1, solver="gauss-newton", noise=fit.how["counted"])  # they compare only under one noise
+    once = replace(how, starts=1, solver="gauss-newton", noise=fit.how["counted"])  # one noise, comparable likelihoods
     here = attempted(simulator, recordings, model.values, once, quiet, model.name, (), TOLERANCE)
     if here is None or not _ended(here):
         return None
@@ -199,7 +200,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
     gain = -misfit(here, simulator, recordings, noise, once)
     errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
-    del here  # of hours, one layout at a time is enough
+    del here  # for hours of data, one layout at a time is enough
     others = [with_hold(recording, other_than(taken)) for recording in recordings]
     there = attempted(simulator, others, model.values, once, quiet, model.name, (), TOLERANCE)
     if there is None or not _ended(there):
@@ -219,21 +220,21 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
 
 
 def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> float:
-    """Root of the second moment of the delay that the errors ask for beside the way taken, in half rows.
+    """Root of the second moment of the delay that the errors indicate relative to the hold taken, in half rows.
 
-    Along the delay the objective is a parabola: its slope here is that of the errors, by the envelope theorem, and the
-    other way, half a row further, is a second point of it.
+    Along the delay the objective is a parabola: its slope at the hold taken is that of the errors, by the envelope
+    theorem, and the other hold, half a row further, is a second point on it.
     """
     known = np.isfinite(here) & np.isfinite(there)
     e, change = (np.where(known, item, 0.0) / noise for item in (here, there - here))
     slope = float(np.sum(e * change)) / rows
     bend = max(2 * (gain / rows - slope), 0.0)
-    entry = bend + 1 / (2 * ROW) ** 2  # with what is known beforehand: a row's width, evenly
+    entry = bend + 1 / (2 * ROW) ** 2  # with the prior precision: uniform over a row
     return float(np.hypot(slope / entry, 1 / np.sqrt(entry)))
 
 
 def _matters(model: MotionModel, recordings: Sequence[Recording]) -> bool:
-    """Whether the model reads a command, in rows that are far enough apart."""
+    """Whether the model has a command that varies, in rows that are far enough apart."""
     names = {alias for name in model.commands for alias in (name, *model.aliases.get(name, ()))}
     varies = any(np.ptp(recording[name]) > 0 for recording in recordings for name in names if name in recording)
     return varies and all(recording.sample_time >= SHORTEST for recording in recordings)
@@ -246,13 +247,13 @@ def _ended(attempt: Attempt) -> bool:
 
 
 def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
-    """The fit with that doubt in its standard deviations, and half a row in those of every time.
+    """The fit with the doubt about the hold in its standard deviations, and half a row in those of times.
 
     Parameters
     ----------
-    fit : as fitted with what was taken.
-    held : what was weighed.
-    step : between rows, s.
+    fit : the fit with the hold taken.
+    held : the comparison.
+    step : sample time, s.
     """
     wider = float(np.hypot(sqrt(held.doubt * (1 - held.doubt)), held.late))
     along = np.concatenate(
@@ -265,19 +266,19 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
         of_row = ROW * step if parameter.unit == "s" else 0.0
         sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
     covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
-    if covariance is not None:  # half a row is a doubt of each time by itself: it goes with nothing else
+    if covariance is not None:  # half a row is an independent error of each time: it adds no covariances
         target = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
         covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * target**2)
     return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
 
 
 def reason(fit: Fit, held: Holding) -> Reason | None:
-    """The question that is left: what the map states is unlikely, or neither is clearly likelier."""
+    """A question to the user, if the stated hold is unlikely, or neither is clearly likelier."""
     unlikely = held.stated and held.gain < -CLEAR
     unclear = not held.stated and held.gain < CLEAR
     shares = {n: abs(v) / float(fit.sd[n]) for n, v in held.moved.items() if n in fit.sd and float(fit.sd[n]) > 0}
     most = max(shares, key=lambda name: shares[name], default="")
-    if not most or not (unlikely or (unclear and shares[most] >= 1)):  # what is unlikely has widened its own intervals
+    if not most or not (unlikely or (unclear and shares[most] >= 1)):  # an unlikely hold has widened its own intervals
         return None
     parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
     moved = with_unit(number(held.moved[most], 2), parameter.unit)

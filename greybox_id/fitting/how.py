@@ -1,4 +1,4 @@
-"""How to fit: what a user may choose about the verb `fit`."""
+"""Options of the verb `fit`."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ Solver = Literal["auto", "gauss-newton", "ipopt"]
 
 
 class Say(Protocol):
-    """Where progress goes: one line at a time; a passing line is only worth showing until the next one."""
+    """Receives progress, one line at a time; a passing line is replaced by the next one."""
 
     def __call__(self, line: str, passing: bool = False) -> None:
         """Show a line."""
 
 
 def quiet(line: str, passing: bool = False) -> None:
-    """Say nothing."""
+    """Ignore progress."""
     del line, passing
 
 
 FOR_MOTION: Mapping[str, object] = {"‹horizon›": None, "‹start_from›": "free", "‹robust›": None, "‹noise›": {}}
-"""Options of fitting equations of motion, and what they are unless they are chosen."""
+"""Options of fitting equations of motion, and their defaults."""
 FOR_MEMORY = ("‹early_stopping|strengths›", "‹strength|strengths›")
 """Options of fitting models with memory."""
 
 
 @by_kind
 def refused(model: Model, option: str) -> str:
-    """Why an option does not go with a kind of model; empty where it does."""
+    """Why an option cannot be used with a kind of model; empty if it can."""
     return f"{option} cannot be used with {model.name}, which is {model.called}. Omit it."
 
 
@@ -47,19 +47,19 @@ class FitOptions:
     Attributes
     ----------
     strengths : "cross-validation", "early stopping", or a factor on every prior that has a strength.
-    solver : "auto" finds with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
+    solver : "auto" solves with Gauss-Newton and certifies with Ipopt, "gauss-newton" skips the certificate,
         "ipopt" solves with Ipopt from the start.
-    starts : how many starting points; all but the first are drawn about the nominal values.
-    seed : of those draws.
-    jobs : processes at a time, for starting points and structures that are compared; results do not depend on it.
+    starts : number of starting points; all but the first are drawn around the nominal values.
+    seed : seed of those draws.
+    jobs : number of processes for starting points and compared structures; results do not depend on it.
     horizon : for motion models, s predicted from one start; None for whole runs.
-    start_from : for motion models, "free" starts deviate from their readings, "measured" ones do not.
-    robust : for motion models, residuals beyond so many standard deviations count linearly.
-    noise : for motion models, output -> standard deviation of its readings, where it is known: a number in SI, or a
-        text with a unit.
+    start_from : for motion models, "free" estimates initial states, "measured" takes them from readings.
+    robust : for motion models, Huber threshold in standard deviations, beyond which residuals count linearly.
+    noise : for motion models, output -> standard deviation of its readings, if known: a number in SI, or a text with a
+        unit.
     calibrate : for models with memory, "timing" or "timing=8s": training runs are aligned by their delays before the
-        model is fitted to them; of the validation recording, the first 5 s, or 8 s, of motion of each run tell its
-        delay, and what follows is scored. None for no such thing.
+        model is fitted to them; in the validation recording, the first 5 s, or 8 s, of motion of each run determine its
+        delay, and the rest is scored. None: no alignment.
 
     Raises
     ------
@@ -109,7 +109,7 @@ class FitOptions:
             )
 
     def must_suit(self, model: Model) -> None:
-        """Raise `BadInput` for what makes no sense for this kind of model."""
+        """Raise `BadInput` for options that this kind of model does not have."""
         if self.calibrate is not None:
             must_have_timing(model)
         chosen = {

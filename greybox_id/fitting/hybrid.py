@@ -1,9 +1,8 @@
-"""Fitting hybrid models: their networks are trained, those with a memory over windows, others over growing horizons.
+"""Fit hybrid models by training: networks with a memory over windows, others over growing horizons.
 
-Training networks without a memory: over growing horizons, each begun where the one before ended.
-
-One row ahead almost any network learns which way the vehicle goes; over a whole window a poor one is far from anything.
-Errors count in units of the readings' spread, as published: what ends training is the held-out error.
+Over growing horizons, each training starts where the previous one ended. One row ahead almost any network learns the
+direction of motion; over a whole window a poor network is far from anything. Errors are in units of the readings'
+spread, as published; early stopping by the held-out error ends training.
 """
 
 from __future__ import annotations
@@ -38,15 +37,15 @@ from .training import (
 from .verb import FitTask, estimated
 
 HORIZONS = (2, 11, 21)
-"""Rows predicted from one start before the window that is wanted: one, ten and twenty steps, as published."""
+"""Rows predicted from one start before the full window: one, ten and twenty steps, as published."""
 COUNTS = 0.1
-"""Share of an output's spread that an error of one counts as."""
+"""Unit error of an output, as a share of its spread."""
 ADAM, SHORT_STEPS, STEPS, PATIENCE = 100, 120, 400, 60
-"""Steps of Adam from a random start; of L-BFGS over each of the short horizons and over the last; see `descend`."""
+"""Steps of Adam from a random start; of L-BFGS over each short horizon and over the last; patience, see `descend`."""
 _SAID = 20
 
 Outside = Callable[[Array], float]
-"""Parameter vector -> error on what is held out."""
+"""Parameter vector -> error on held-out data."""
 
 
 def fit_network(
@@ -54,16 +53,16 @@ def fit_network(
 ) -> Trained:
     """Train a hybrid model.
 
-    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
-    end. Networks with a memory are trained over windows at once, in units of the readings' noise.
+    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are held out. A single run is held out at its
+    end. Networks with a memory are trained over whole windows from the start, in units of the readings' noise.
 
     Parameters
     ----------
     model : nominal values of physical parameters; weights are drawn.
     recordings : training data.
     how : seed, number of starts and known noise.
-    say : progress.
-    known : a vehicle to learn from first; of a model with physics, whose parameters it has.
+    say : receives progress.
+    known : a vehicle to pretrain on; its parameters become those of the model's physics, if the model has any.
 
     Raises
     ------
@@ -101,11 +100,11 @@ def trained_from(
     say: Say,
     known: Pretraining | None = None,
 ) -> Descent:
-    """One training, from random weights or from a known vehicle's; x are the model's parameters.
+    """One training, from random or pretrained weights; x are the model's parameters.
 
     Parameters
     ----------
-    outside : what is held out and says when to stop, over the last horizon.
+    outside : error on held-out data over the last horizon, for early stopping.
     """
     p = drawn(model, seed)
     if known is not None and "m" not in model:
@@ -144,7 +143,7 @@ def trained_from(
 
 
 def counted(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
-    """What an error of each output counts as: as stated, else a share of its spread."""
+    """Unit error of each output: as stated, else a share of its spread."""
     spread = []
     for k, name in enumerate(model.outputs):
         read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
@@ -156,10 +155,10 @@ def counted(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) ->
 
 
 def _noise(model: HybridModel, stretchs: Sequence[Stretch], p: Array) -> Array:
-    """Root mean square error of each output over windows of stretches that were not trained on, in its unit."""
+    """Root mean square error of each output over windows of held-out stretches, in its unit."""
     errors = []
     for k in range(len(model.outputs)):
-        one = np.full(len(model.outputs), 1e12)  # all other outputs count for nothing
+        one = np.full(len(model.outputs), 1e12)  # makes the weight of all other outputs negligible
         one[k] = 1.0
         measured = WindowErrors(model, stretchs, one)
         read = sum(int(np.sum(np.isfinite(item.outputs[k]))) for item in stretchs)
@@ -176,14 +175,14 @@ def _estimated(model: HybridModel, task: FitTask) -> Fit:
             "manoeuvres; omit ‹solver›."
         )
     if task.validate is not None:
-        stretches(model, task.validate)  # what is wrong with it is better said before the work than after
+        stretches(model, task.validate)  # raises on bad data before the work, not after it
     if isinstance(pretraining, TrainedBefore):
         trained = update_hybrid(pretraining.model, recordings, how, say)
     else:
         trained = fit_network(model, recordings, how, say, pretraining)
     return Fit(
         model=trained.model,
-        sd={  # trainings from several seeds tell a spread
+        sd={  # no curvature is computed: the spread over several seeds shows the uncertainty
             p.name: np.full(p.shape, np.nan) for p in trained.model.parameters
         },
         stages=(trained.stage,),

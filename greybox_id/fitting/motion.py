@@ -1,8 +1,8 @@
-"""Fitting a motion model: starts, each led over growing horizons to the one that was asked for, and what comes of them.
+"""Fit a motion model: starting points, each led over growing horizons to the requested one, and the resulting fit.
 
-From readings, a few samples ahead, almost any parameters give errors that point the right way; over a whole run a poor
-start is far from anything (attempt.py). What is found is certified by Ipopt on the multiple-shooting program. Where
-that ends badly, other ways are tried before a user has to ask for them (`_fallbacks`), and the record says so.
+From readings, a few samples ahead, almost any parameters give errors that point towards the optimum; over a whole run a
+poor start is far from anything (attempt.py). Ipopt certifies the optimum on the same problem. If that fails, other ways
+are tried before a user has to ask for them (`_fallbacks`), and the record says so.
 """
 
 from __future__ import annotations
@@ -54,22 +54,22 @@ from .uncertainty.stated import of_stated
 from .verb import FitTask, carried, estimated, refuted
 
 CARRIED_ON, LOWER = 2, 1e-6
-"""How often Gauss-Newton and Ipopt hand an optimum that is not confirmed to each other; share of the objective that
-must be gained for another round, or for another way to be taken."""
+"""How often Gauss-Newton and Ipopt hand an unconfirmed optimum to each other; relative decrease of the objective that
+justifies another round, or another way."""
 SHORTER = 1.0
-"""Horizon, s, that is fitted first where the one wanted ends badly."""
+"""Horizon, s, that is fitted first if the requested one ends badly."""
 MORE_STARTS, CLEARLY = 2, 0.01
-"""Other starts that are tried; share of the objective for which an optimum that is confirmed is left for one that is
-not."""
+"""Number of further starts; relative decrease of the objective for which an unconfirmed optimum replaces a confirmed
+one."""
 CORNER = 0.5
-"""An optimum with more than this share of its free numbers at bounds is a corner, not an optimum of the vehicle."""
+"""An optimum with more than this share of its free parameters at bounds is a corner, not an optimum of the vehicle."""
 
 
 @estimated.register(MotionModel)
 def _estimated(model: MotionModel, task: FitTask) -> Fit:
     recordings, validate, how, say = task.recordings, task.validate, task.how, task.say
     if validate is not None:
-        motion_runs(model, validate)  # what is wrong with it is better said before the work than after
+        motion_runs(model, validate)  # raises on bad data before the work, not after it
     drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
     problem, solution, stage = fit_motion(model, recordings, how, say)
     fitted = model.with_values(problem.shared(solution.x))
@@ -103,7 +103,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     form = form_error(problem, solution.x, solution.nodes)
     if solution.nodes is None:
         solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
-    if stage.confirmed:  # away from an optimum, its curvature says nothing
+    if stage.confirmed:  # away from an optimum, the curvature is meaningless
         free = int(np.sum(problem.free[: problem.parameters.size]))
         starts = int(np.sum(problem.free[problem.parameters.size : problem.layout.size]))
         and_starts = f" and {counted(starts, 'initial state')}" if starts else ""
@@ -120,18 +120,18 @@ def fit_motion(
 
     Parameters
     ----------
-    model : nominal values are the starting point.
+    model : its nominal values are the starting point.
     recordings : training data.
     how : horizon, starts, solver, robust loss, seed.
-    say : progress.
+    say : receives progress.
 
     Returns
     -------
-    The problem that was solved last, where it ended, and the record.
+    The last problem, its solution, and the record.
 
     Raises
     ------
-    BadInput : a signal is missing, or the model is not finite where it starts.
+    BadInput : a signal is missing, or the model is not finite at its start.
     """
     clock = time.process_time()
     simulator = Simulator(model)
@@ -143,7 +143,7 @@ def fit_motion(
 
     def work(k: int) -> Attempt | SentAttempt | None:
         result = attempted(simulator, recordings, points[k], how, quiet if away else say, name(k))
-        return result.sent() if how.starts > 1 and result is not None else result  # alike with one process and several
+        return result.sent() if how.starts > 1 and result is not None else result  # the same for any number of jobs
 
     def told(k: int, attempt: Attempt | SentAttempt | None) -> bool:
         if away and attempt is not None:
@@ -198,7 +198,7 @@ def fit_motion(
 
 @dataclass(frozen=True)
 class _Reached:
-    """The best so far, what Ipopt says of it, and which other ways were tried to get there."""
+    """The best solution so far, Ipopt's report on it, and the other ways that were tried."""
 
     problem: MotionProblem
     about: Array
@@ -208,7 +208,7 @@ class _Reached:
 
 
 def _not_believed(reached: _Reached) -> _Reached:
-    """The same as no optimum: where the motion cannot be simulated any more, curvature is the integrator's."""
+    """The same, not as an optimum: if the motion is too fast to simulate, the curvature is that of the integrator."""
     certificate = None if reached.certificate is None else replace(reached.certificate, confirmed=False)
     return replace(reached, solution=replace(reached.solution, status=Status.TOO_FAST), certificate=certificate)
 
@@ -218,7 +218,7 @@ def _of(attempt: Attempt) -> tuple[MotionProblem, Array, Solution]:
 
 
 def _confirmed(reached: _Reached, how: FitOptions, say: Say) -> _Reached:
-    """The same with Ipopt's word on it, where it is asked."""
+    """The same with Ipopt's report, if it is requested."""
     if how.solver != "auto":
         return reached
     solution, certificate = _certified(reached.problem, reached.solution, say)
@@ -226,7 +226,7 @@ def _confirmed(reached: _Reached, how: FitOptions, say: Say) -> _Reached:
 
 
 def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> str:
-    """Why an optimum is none to be left at, as the beginning of a sentence; "" where there is nothing against it."""
+    """Reason not to accept an optimum, as the beginning of a sentence; "" if there is none."""
     if reached is None:
         return "no finite prediction at the starting point"
     solution, problem = reached.solution, reached.problem
@@ -241,7 +241,7 @@ def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> st
     if not confirmed and solution.steps == 0:
         return "no step was taken"
     if not confirmed and solution.status is Status.STEP_LIMIT:
-        return ""  # it was getting on, slowly; from elsewhere it would be no faster
+        return ""  # it made progress, slowly; another start would be no faster
     if not confirmed:
         return "the optimum is not confirmed"
     if np.any(free) and np.mean((p <= low)[free] | (p >= high)[free]) > CORNER:
@@ -256,10 +256,10 @@ def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> st
 
 
 def _fast(simulator: Simulator, problem: MotionProblem, p: Array) -> bool:
-    """Whether a motion needs more steps per row than are ever taken: its parameters then show in no reading.
+    """Whether a motion needs more steps per row than the limit: its parameters are then invisible in the readings.
 
-    An inertia that is next to none gives one. Poorly excited recordings lead there: what decays from a noisy reading
-    within rows is noise, and predictions a few rows ahead take it for the vehicle.
+    An inertia near zero is an example. Poorly excited recordings lead there: what decays from a noisy reading within a
+    few rows is noise, and predictions a few rows ahead mistake it for the vehicle.
     """
     shortest = min(run.sample_time for run in problem.runs)
     return longest_segment(simulator.trace, problem.runs, p) * SEGMENTS < shortest
@@ -274,7 +274,7 @@ def _fallbacks(
     how: FitOptions,
     say: Say,
 ) -> Iterator[_Reached]:
-    """Other ways to the optimum, one after the other until one leads to an optimum: the best so far after each."""
+    """Try other ways until one leads to an acceptable optimum; yields the best solution so far after each."""
     model = simulator.trace.model
     near = replace(how, horizon=SHORTER, start_from="measured")
     more = starting_points(model, replace(how, starts=len(points) + MORE_STARTS))[len(points) :]
@@ -284,7 +284,7 @@ def _fallbacks(
         if short is None or short.solution.status is Status.INTERRUPTED:
             return short
         p = short.problem.shared(short.solution.x)
-        del short  # which holds layouts of all rows
+        del short  # it holds layouts of all rows
         return attempted(simulator, recordings, p, how, quiet, model.name)
 
     ways: list[tuple[str, Callable[[], Attempt | None]]] = []
@@ -343,14 +343,14 @@ def _fallbacks(
             )
         else:
             it = (*it, f"{words}: no better")
-        del result, value  # before another way lays out as many rows
+        del result, value  # free their memory before the next way
         yield replace(reached, fallbacks=it)
         if not why:
             return
 
 
 def _light(reached: _Reached) -> _Reached:
-    """The same, of hours without layouts of all rows and what was simulated; both are made again where needed."""
+    """The same, for hours of data without layouts and simulation, which are made again when needed."""
     if not _of_hours(reached.problem):
         return reached
     reached.problem.forget()
@@ -358,7 +358,7 @@ def _light(reached: _Reached) -> _Reached:
 
 
 def _of_hours(problem: MotionProblem) -> bool:
-    """Whether what is laid out for all rows is large."""
+    """Whether layouts of all rows are large."""
     return bool(problem.targets.reading.size > HOURS)
 
 
@@ -375,7 +375,7 @@ def _percent(share: float) -> str:
 
 
 def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
-    """Ask Ipopt; where it went on, Gauss-Newton takes what is close to a bound to it, and they ask each other again."""
+    """Check by Ipopt; if it moves the solution, Gauss-Newton takes unknowns close to bounds to them, and so on."""
     solution, certificate = _asked(problem, result, say)
     for rounds_left in reversed(range(CARRIED_ON)):
         if certificate.confirmed:
@@ -400,7 +400,7 @@ def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solu
 
 
 def _asked(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
-    """Ipopt's word. Raises `KeyboardInterrupt` where it was stopped."""
+    """Ipopt's solution and report. Raises `KeyboardInterrupt` if it was stopped."""
     solution, certificate = certified(problem, result, say)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
@@ -421,7 +421,7 @@ def _uncertain(
 ) -> dict[str, Any]:
     """Standard deviations, degrees of freedom and covariance of a fit, as its fields.
 
-    What its form costs counts, and the many optima of sizes that round.
+    They include the model-form error, and the many optima of sizes of rounding effects.
     """
     known = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]

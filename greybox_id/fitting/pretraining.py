@@ -1,9 +1,9 @@
-"""What a network learns of a known vehicle before it sees a recording: the rates of its states, at many points.
+"""Pretraining of a network on a known vehicle: the derivatives of its states, at many points.
 
 Points are rows of the recordings ("data", as published), or spread over a box 1.3 times as wide ("box"), cut where the
 lateral acceleration yaw_rate v_x is more than 1.3 times that of the recordings: this teaches the edges. At every point
-several draws of the vehicle's parameters say the rates; their mean is what is learnt, and where they part the network
-is not held to it.
+the derivatives are computed for several draws of the vehicle's parameters; their mean is the target, and where they
+differ the network is fitted less tightly.
 
 Source: "Physics-guided approach with transfer learning in vehicle lateral dynamics", Sec. III.D.
 """
@@ -33,27 +33,26 @@ AT_A_POINT = 8
 """Draws simulated at every point."""
 SUBSTEPS = 4
 DERIVATIVE = 1e-5
-"""s over which a rate is a difference, where the network says derivatives and no increments."""
+"""s over which a derivative is a difference quotient, if the network predicts derivatives, not increments."""
 SETTLED = 0.05
-"""Errors of the rates that count as one, as a share of the rates' spread: smaller ones are for the recordings to put
-right."""
+"""Unit error of the derivatives, as a share of their spread: smaller errors are left to training on the recordings."""
 HELD_OUT = 0.1
 ADAM, STEPS, PATIENCE = 100, 300, 60
 
 
 @dataclass(frozen=True)
 class Pretraining:
-    """A known vehicle.
+    """A known vehicle for pretraining.
 
     Attributes
     ----------
     model : its equations of motion.
     draws : (n, parameters) vectors of its parameters.
-    points : at which the network learns its rates.
-    span : where these are.
-    source : the file it comes from, for people.
-    beyond : how many times the fastest speed recorded the vehicle teaches beside the recordings; 1 as published:
-        not at all, and what it taught of such speeds may be forgotten.
+    points : number of points at which the network learns its derivatives.
+    span : region of these points.
+    source : file of the vehicle, for messages.
+    beyond : largest speed taught by the vehicle during training on the recordings, relative to the fastest recorded
+        one; 1, as published: none, so that training may forget what pretraining taught about higher speeds.
     """
 
     model: MotionModel
@@ -71,11 +70,11 @@ class Pretraining:
 
 
 def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
-    """The model with the parameters of its physics at the mean of the draws, their spread as prior where they are free.
+    """The model with its physical parameters at the mean of the draws; their spread is the prior of the free ones.
 
     Raises
     ------
-    BadInput : the known vehicle has none of them.
+    BadInput : the known vehicle has none of these parameters.
     """
     mean, sd = np.mean(known.draws, axis=0), np.std(known.draws, axis=0)
     changed = []
@@ -97,20 +96,20 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
 def pretrained(
     model: HybridModel, start: Array, recordings: Sequence[Recording], known: Pretraining, seed: int, say: Say
 ) -> Array:
-    """A parameter vector whose network says the rates of a known vehicle.
+    """A parameter vector whose network predicts the derivatives of a known vehicle.
 
     Parameters
     ----------
-    model : the network's.
-    start : (parameters,) where it begins.
-    recordings : training data, whose range tells where to learn.
+    model : the network's model.
+    start : (parameters,) start of the pretraining.
+    recordings : training data, whose range determines the points.
     known : the vehicle.
-    seed : of the points.
-    say : progress.
+    seed : seed of the points.
+    say : receives progress.
 
     Raises
     ------
-    BadInput : the recordings lack what the known vehicle reads, or it is not finite anywhere.
+    BadInput : the recordings lack an input of the known vehicle, or it is finite nowhere.
     """
     x, u, rates, scale = taught(model, recordings, known, seed)
     count = x.shape[1]
@@ -141,15 +140,15 @@ def pretrained(
 
 
 def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int) -> tuple[Recording, ...]:
-    """The recordings as the known vehicle would have driven them faster than any was.
+    """The recordings as the known vehicle would have driven them at higher speeds.
 
-    Every run at so many times its speed that it is at its fastest between the fastest speed recorded and `beyond` times
-    that, with so much less steering that lateral accelerations stay about as they were; from where the lateral
-    acceleration is well above all recorded ones nothing is taught. Every run has a draw of its own.
+    Every run is scaled in speed so that its fastest speed is between the fastest recorded one and `beyond` times that,
+    with steering reduced so that lateral accelerations stay similar; a run ends where its lateral acceleration is well
+    above all recorded ones. Every run has its own draw of the parameters.
 
     Raises
     ------
-    BadInput : the recordings lack what the known vehicle reads.
+    BadInput : the recordings lack an input of the known vehicle.
     """
     if known.beyond <= 1.0:
         return ()
@@ -193,7 +192,7 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
 def taught(
     model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int
 ) -> tuple[Array, Array, Array, Array]:
-    """States, inputs and rates at points, (states or inputs, n), and errors of the rates that count as one."""
+    """States, inputs and derivatives at points, (states or inputs, n), and unit errors of the derivatives."""
     vehicle = known.model
     states = [state.name for state in model.states]
     names = list(dict.fromkeys((*states, *model.inputs, *vehicle.inputs, *(s.name for s in vehicle.states))))
@@ -248,7 +247,7 @@ def _recorded(name: str, recordings: Sequence[Recording]) -> bool:
 
 
 def _chosen(data: Array, names: Sequence[str], known: Pretraining, random: np.random.Generator) -> Array:
-    """(names, points) of the data with replacement, or spread over a wider box."""
+    """(names, points) drawn from the data with replacement, or spread over a wider box."""
     if known.span == "data":
         return data[:, random.integers(data.shape[1], size=known.points)]
     low, high = np.min(data, axis=1, keepdims=True), np.max(data, axis=1, keepdims=True)
@@ -272,7 +271,7 @@ def _rates(
     p: Array,
     h: float,
 ) -> Array:
-    """(states, n) by how much readings of the states change over h seconds of held inputs, over h."""
+    """(states, n) change of the states' readings over h seconds with constant inputs, divided by h."""
     trace = simulator.trace
     model, count = trace.model, points.shape[1]
     readings = points[[names.index(name) for name in measured]].T

@@ -1,4 +1,4 @@
-"""Where a fit comes from: the recordings it saw and the steps that led to it."""
+"""Provenance of a fit: its recordings, and the steps of the fit."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..datasets.recording import Recording
 
 @dataclass(frozen=True)
 class DataRecord:
-    """A recording that a fit saw.
+    """A recording used by a fit.
 
     Attributes
     ----------
@@ -19,8 +19,8 @@ class DataRecord:
     name, path, sha256, columns : provenance of the file.
     samples, runs : rows and unbroken runs.
     duration : s.
-    between, where : which part of the file it is; empty for all.
-    column_map : text of the column map, where it is a user's own.
+    between, where : the part of the file that was used; empty for all.
+    column_map : text of the column map, if it is a user's.
     """
 
     role: str
@@ -37,23 +37,23 @@ class DataRecord:
 
     @property
     def mapping(self) -> str | ColumnMap:
-        """The column map that the recording was read through: the one that was carried along, else by its name."""
+        """The recording's column map: the stored text, else the name of a shipped one."""
         return carried_map(self.columns, self.column_map)
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What Ipopt said of the optimum on the same problem.
+    """Ipopt's report on the optimum of the same problem.
 
     Attributes
     ----------
-    status : Ipopt's own words.
-    confirmed : whether it converged, without lowering the objective by more than `solvers.ipopt.SAME` of it.
+    status : Ipopt's return status.
+    confirmed : whether it converged, without lowering the objective by more than the share `solvers.ipopt.SAME`.
     iterations : its iterations.
     objective_before, objective_after : half the sum of squares.
     gradient : infinity norm of the Lagrangian's gradient at the end (dual infeasibility).
-    violation : largest gap in the matching conditions, in the outputs' units.
-    cpu_seconds : s.
+    violation : largest constraint violation at the end; bounds are the only constraints.
+    cpu_seconds : CPU time, s.
     """
 
     status: str
@@ -67,7 +67,7 @@ class Certificate:
 
     @property
     def gained(self) -> float:
-        """Share by which Ipopt lowered the objective."""
+        """Relative decrease of the objective by Ipopt."""
         return (self.objective_before - self.objective_after) / max(self.objective_before, 1e-300)
 
 
@@ -77,23 +77,22 @@ class Stage:
 
     Attributes
     ----------
-    model : name of what was fitted.
-    closed_loop : whether its own predictions were fed back.
+    model : name of the fitted part or model.
+    closed_loop : whether its predictions were fed back.
     status : how the solver ended, in words.
     converged : whether it met its tolerance.
     steps : accepted steps.
     history : objective after each step.
-    starts : objective reached from each start, the chosen one first.
+    starts : final objective of each start, the chosen one first.
     strengths : factors on the priors.
-    strengths_from : "cross-validation", "early stopping" or "given"; said if it was interrupted.
+    strengths_from : "cross-validation", "early stopping" or "given"; mentions an interruption.
     tried : strengths tried with their cross-validated error, in noise standard deviations.
     noise : residual standard deviation of each output, in its unit.
-    cpu_seconds : s, without cross-validation.
-    cross_validation_seconds : s.
-    certificate : Ipopt's word, None where it was not asked.
-    ended_at : free single numbers by name, where each start ended, in the order of `starts`; empty where that was not
-        kept.
-    fallbacks : sentences on other ways that were tried because the first one ended badly, and what they gave.
+    cpu_seconds : CPU time without cross-validation, s.
+    cross_validation_seconds : CPU time of cross-validation, s.
+    certificate : Ipopt's report; None if it was not run.
+    ended_at : for each start, in the order of `starts`, name -> final value of the free scalar parameters; or empty.
+    fallbacks : sentences on other ways that were tried because the first one ended badly, and their results.
     """
 
     model: str
@@ -115,7 +114,7 @@ class Stage:
 
     @property
     def confirmed(self) -> bool:
-        """Whether it ended at an optimum: Ipopt says so or, where it was not asked, the solver's own tolerance."""
+        """Whether the step ended at an optimum, according to Ipopt or, without it, to the solver's tolerance."""
         return self.converged if self.certificate is None else self.certificate.confirmed
 
 

@@ -1,4 +1,4 @@
-"""The model a user wants: its name, vehicle, settings, effects; parameters held, free, believed or started."""
+"""The model that a user requests: name, vehicle, settings, effects; fixed and free parameters, priors, starts."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ from ..models.vehicle import vehicle as read_vehicle
 from ..models.vehicles import with_size
 
 Magnitudes = dict[str, float | Stated | None]
-"""Effect -> its magnitude, held; what is believed of it; None leaves it free."""
+"""Effect -> its magnitude, fixed; its stated value and deviation; None leaves it free."""
 
 
 @dataclass(frozen=True)
 class Choices:
-    """What is said of a model's parameters.
+    """A user's choices about a model's parameters.
 
     Attributes
     ----------
-    fix : name -> where it is held; None holds it where it stands.
-    free : names of those that are estimated.
-    prior : name -> (mean, sd) or a text such as "6±3"; estimated with that belief, starting at the mean.
-    start : name -> where its estimation starts.
-    per_run : names of those that have one value for each unbroken run.
+    fix : name -> value at which it is fixed; None fixes its present value.
+    free : names of parameters to estimate.
+    prior : name -> (mean, sd) or a text such as "6±3"; estimated with that prior, starting at the mean.
+    start : name -> value at which its estimation starts.
+    per_run : names of parameters with one value for each unbroken run.
     """
 
     fix: Mapping[str, Quantity | None] = field(default_factory=dict)
@@ -50,16 +50,16 @@ class Choices:
 
     @property
     def named(self) -> frozenset[str]:
-        """The parameters that anything is said of."""
+        """All parameters named in the choices."""
         return frozenset((*self.fix, *self.free, *self.prior, *self.start, *self.per_run))
 
 
 def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
-    """The model with what is said of its parameters.
+    """The model with a user's choices applied.
 
     Raises
     ------
-    BadInput : it has no such parameter, a number cannot be used, or two things said contradict each other.
+    BadInput : it has no such parameter, a number cannot be used, or two choices contradict each other.
     """
     changed: dict[str, Parameter] = {}
     stated: dict[str, str] = {}
@@ -105,7 +105,7 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
 
 
 def magnitudes(written: Sequence[str]) -> Magnitudes:
-    """Effects with what is said of their magnitudes: EFFECT, EFFECT=VALUE[unit] or EFFECT=MEAN±SD[unit]."""
+    """Parse effects and their magnitudes: EFFECT, EFFECT=VALUE[unit] or EFFECT=MEAN±SD[unit]."""
     result: Magnitudes = {}
     for text in written:
         name, equals, value = (part.strip() for part in text.partition("="))
@@ -124,13 +124,13 @@ def magnitudes(written: Sequence[str]) -> Magnitudes:
 
 
 def believed(effects: Magnitudes, vehicle: Vehicle | None) -> Magnitudes:
-    """Effects left free take what the vehicle states of them."""
+    """The effects, free ones with the vehicle's stated magnitudes, if any."""
     stated = vehicle.effects if vehicle is not None else {}
     return {name: stated.get(name) if effect is None else effect for name, effect in effects.items()}
 
 
 def started(model: AnyModel, effects: Magnitudes) -> AnyModel:
-    """The model with free effects where they are plainly there: at their null many have no derivative to follow."""
+    """The model with free effects at typical magnitudes: at their null many have a zero derivative."""
     new = {}
     for name, effect in effects.items():
         if isinstance(effect, Stated) and name in model and name in EFFECTS:
@@ -142,7 +142,7 @@ def started(model: AnyModel, effects: Magnitudes) -> AnyModel:
 
 
 def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
-    """Raise `BadInput` where effects without a magnitude are asked of a model with memory."""
+    """Raise `BadInput` if effects without a fixed magnitude are requested of a model with memory."""
     free = [name for name, effect in effects.items() if effect is None or isinstance(effect, Stated)]
     if free and isinstance(model, MemoryModel):
         unit = EFFECTS[free[0]].parameter.unit
@@ -153,11 +153,11 @@ def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
 
 
 def state_values(given: Mapping[str, Quantity], model: Model) -> dict[str, float]:
-    """States at the start of a simulation, in SI.
+    """Initial states of a simulation, in SI.
 
     Raises
     ------
-    BadInput : the model has no such state, or its value is no finite number.
+    BadInput : the model has no such state, or its value is not finite.
     """
     what = "‹start_state|start›"
     units = {state.name: state.unit for state in getattr(model, "states", ())}
@@ -173,18 +173,18 @@ def state_values(given: Mapping[str, Quantity], model: Model) -> dict[str, float
 
 
 def named_vehicle(name: str | None) -> Vehicle | None:
-    """The vehicle of a file or of a shipped name; None where none is named."""
+    """The vehicle from a file or of a shipped name; None without a name."""
     return None if name is None else read_vehicle(name, vehicle_parameters(), EFFECTS)
 
 
 def completed(
     name: str | None, settings: Mapping[str, Any], effects: Magnitudes, vehicle: Vehicle | None
 ) -> tuple[str, dict[str, Any], Magnitudes]:
-    """Name, settings and effects of the model that is meant: the vehicle's own where none is named.
+    """Name, settings and effects of the requested model; the vehicle's model if none is named.
 
     Raises
     ------
-    BadInput : neither names one.
+    BadInput : neither is given.
     """
     model = vehicle.model if vehicle is not None else None
     if name is not None:
@@ -224,28 +224,28 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
 
 
 def _replaced(model: AnyModel, changed: Mapping[str, Parameter]) -> AnyModel:
-    """The model, and those of its parts that have them, with parameters replaced."""
+    """The model, and its parts, with parameters replaced."""
     value = model.with_parameters(*(p for name, p in changed.items() if name in model))
     return replace(value, parts=tuple(_replaced(part, changed) for part in value.parts))
 
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm", "dart": "dart"}
-"""Column map -> the shipped vehicle whose recordings it reads."""
+"""Column map -> shipped vehicle of its recordings."""
 FAR_OFF = 3.0
-"""A force per unit that is off by more than this factor belongs to another signal."""
+"""Factor between stated and expected force per unit beyond which the force belongs to another signal."""
 
 
 @dataclass(frozen=True)
 class RequestedModel:
-    """A model as asked for.
+    """A user's request for a model.
 
     Attributes
     ----------
-    name : of the model; None takes the vehicle's own.
-    vehicle : whose numbers it starts from; None leaves the model its own.
+    name : model's name; None takes the vehicle's model.
+    vehicle : source of the starting values; None keeps the model's own.
     settings : hyperparameters as plain data.
-    effects : added to it, with what is said of their magnitudes.
-    choices : what is said of its parameters.
+    effects : effects to add, with their magnitudes.
+    choices : choices about its parameters.
     """
 
     name: str | None
@@ -255,18 +255,18 @@ class RequestedModel:
     choices: Choices = field(default_factory=Choices)
 
     def models(self, training: Recording) -> list[Model]:
-        """The models to fit: several where the settings leave open what cross-validation is to choose."""
+        """The models to fit: several if the settings leave a choice to cross-validation."""
         name, settings, effects = completed(self.name, self.settings, self.effects, self.vehicle)
         result = candidates(name, training, settings, effects, self.vehicle)
         return [self._chosen(model, effects) for model in result]
 
     def model(self) -> Model:
-        """The model to simulate: an effect stated at its null stands there, which is no place to start a fit."""
+        """The model to simulate: an effect stated at its null stays there, though a fit would start elsewhere."""
         name, settings, effects = completed(self.name, self.settings, self.effects, self.vehicle)
         return self._chosen(build(name, settings, effects, self.vehicle), effects, at_stated=True)
 
     def or_single_track(self) -> RequestedModel:
-        """The same; of a vehicle that names no model, a single track."""
+        """The request, with a single track if neither a model nor a vehicle's model is named."""
         is_open = self.name is None and self.vehicle is not None and self.vehicle.model is None
         return replace(self, name="single_track") if is_open else self
 
@@ -279,9 +279,9 @@ class RequestedModel:
 
 
 def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
-    """Raise `BadInput` where time does not run in a recording, or where it lacks an input of a motion model.
+    """Raise `BadInput` if a recording's time does not increase, or if it lacks an input of a motion model.
 
-    The models that a recording would do for are named.
+    The message names models for which the recording suffices.
     """
     for recording in recordings:
         recording.must_run()
@@ -305,7 +305,7 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
 
 
 def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording]) -> list[str]:
-    """Sentences on a motion model whose nominal numbers may not be those of the vehicle that was recorded."""
+    """Sentences on a motion model whose nominal parameters may not be those of the recorded vehicle."""
     if not isinstance(model, MotionModel):
         return []
     result = []
@@ -314,7 +314,7 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     suggested = next(
         (f" (the vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), ""
     )
-    if vehicle is None and (size := _size(model)):  # an actuator has no mass and no wheelbase: it is no vehicle
+    if vehicle is None and (size := _size(model)):  # a model without mass and wheelbase, an actuator, is no vehicle
         start = f"{model.name} starts from its default values ({size})"
         result.append(
             f"No vehicle is named: {start}. Name one{suggested}, or a file with the values of your vehicle; greybox "
@@ -336,7 +336,7 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
 
 
 def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
-    """A sentence where the force per unit of the drive signal cannot be meant for the signal that was recorded.
+    """A sentence if the force per unit of the drive signal cannot belong to the recorded signal.
 
     One unit of a force is one newton, one unit of a commanded acceleration the vehicle's mass in newtons.
     """
@@ -375,7 +375,7 @@ def _size(model: MotionModel) -> str:
 
 
 def _wheelbase(recording: Recording) -> float | None:
-    """v_x steer / yaw_rate, m, where the recording tells it for certain."""
+    """v_x steer / yaw_rate, m, if the recording determines it reliably."""
     for pair in pairs(recording):
         if pair.nodes == ("yaw_rate", "steer"):
             agreed = agreement(recording, pair.left_values, pair.right_values, pair.smoothing)

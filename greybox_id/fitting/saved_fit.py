@@ -1,6 +1,6 @@
-"""Fits from their files: read back without running code, and refused where what depends on them cannot rely on them.
+"""Fits from their files: read without running code, and refused if their content is not reliable.
 
-A file names the model and its settings; the caller hands in the function that builds models by name.
+A file names the model and its settings; the caller passes the function that builds models by name.
 """
 
 from __future__ import annotations
@@ -33,32 +33,32 @@ CHOICES: Mapping[str, Any] = {
     "counted": Mapping[str, float],
     "imported": str,
 }
-"""What a fit's `how` may hold that others rely on, with its type; `TypeError` where a file says otherwise."""
+"""Entries of a fit's `how` that other code relies on, with their types; `TypeError` if a file differs."""
 LARGEST = 1e150
-"""Variances, errors and objectives above it are none: their squares leave the range of numbers."""
+"""Largest variance, error or objective accepted: squares of larger ones overflow."""
 ROUNDING = 1e-6
-"""Share by which a covariance may be off through rounding."""
+"""Relative error of a covariance permitted by rounding."""
 
 Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
 """Model name, settings, effects with their magnitudes -> model."""
 
 
 def load(path: str | Path, build: Build) -> Fit:
-    """Read a fit back.
+    """Read a fit from its file.
 
     Parameters
     ----------
     path : a file written by `Fit.save`.
-    build : makes a model from its name, settings and effects.
+    build : builds a model from its name, settings and effects.
 
     Raises
     ------
     BadInput : the file is no fit, is damaged, or was written by another version; or its equations are in a module that
-        greybox-id does not ship and that `build` does not know. A file never names code that loading it would run.
+        greybox-id does not ship and that `build` does not know. Loading a file never runs code that it names.
 
     Warns
     -----
-    UserWarning : equations of one's own come from a file that has changed since the fit was saved.
+    UserWarning : a user's equations come from a file that has changed since the fit was saved.
     """
 
     def made(body: Mapping[str, Any]) -> Fit:
@@ -68,7 +68,7 @@ def load(path: str | Path, build: Build) -> Fit:
 
 
 def _sound(fit: Fit) -> Fit:
-    """The fit, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
+    """The fit, if its content is reliable. Raises `TypeError` or `ValueError` otherwise."""
     if not fit.stages and "imported" not in fit.how:
         raise ValueError("it has no stages, and was not imported")
     for k, stage in enumerate(fit.stages):
@@ -81,7 +81,7 @@ def _sound(fit: Fit) -> Fit:
     if fit.covariance is not None:
         _of_covariance(fit.covariance)
     for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
-        known = {name: value for name, value in error.items() if name != "diverges"}  # where it does is a record
+        known = {name: value for name, value in error.items() if name != "diverges"}  # "diverges" is no number
         if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], known, "metrics").keys():
             raise ValueError("its metrics are not complete")
         _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
@@ -110,14 +110,14 @@ def _sound(fit: Fit) -> Fit:
 
 
 def _sizes(values: ArrayLike, what: str) -> None:
-    """Raise `ValueError` unless these are sizes: not negative, and of no absurd size unless infinite or not told."""
+    """Raise `ValueError` unless the values are valid sizes: not negative, and at most LARGEST, infinite or NaN."""
     value = np.asarray(values, dtype=float)
     if np.any(value < 0) or np.any((value > LARGEST) & np.isfinite(value)):
         raise ValueError(f"its {what} are no sizes")
 
 
 def _of_covariance(matrix: Array) -> None:
-    """Raise `ValueError` unless this can be a covariance: symmetric, and no correlation beyond one."""
+    """Raise `ValueError` unless the matrix is a valid covariance: symmetric, and no correlation beyond one."""
     variance = np.diag(matrix)
     if not np.all(np.isfinite(matrix)) or np.any(variance < 0) or np.any(variance > LARGEST):
         raise ValueError("its covariance has a variance that is negative, too large or not finite")
@@ -127,7 +127,7 @@ def _of_covariance(matrix: Array) -> None:
 
 
 def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path) -> Build:
-    """The same, with a sentence on equations that are not shipped: which are missing, which have changed."""
+    """`build`, with errors and warnings about equations that are not shipped: missing ones, and changed ones."""
     recorded = {name: Origin(str(origin["file"]), str(origin["sha256"])) for name, origin in origins.items()}
 
     def checked(name: str, settings: Mapping[str, Any], effects: Mapping[str, float]) -> Model:
@@ -185,7 +185,7 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
 
 
 def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
-    """A parameter of the registry's model as the fit had it: a vehicle file may have changed what is known of it."""
+    """A parameter of the registry's model with the fit's bounds and prior: a vehicle file may have changed them."""
     changes: dict[str, Any] = {"fixed": bool(record["fixed"])}
     if parameter.shape == ():
         prior = record["prior"]

@@ -1,15 +1,15 @@
-"""Sizes of effects that round: a search is led to the best of many optima, and their interval counts all of them.
+"""Step sizes of effects that round an input: search for the best of many optima, and intervals that include them all.
 
 With another size the steps are elsewhere, so that the objective has an optimum wherever the largest reading is a whole
-number of them, with ripples of single rows on top. Curvature describes the ripple that a search ended in, not how far
-sizes may be off. So the objective is followed outwards over ripples, and over optima beside the best one, while all
-else does its best; what a size may be is what explains the readings as well as the best one, but for chance.
+number of steps, with ripples from single rows on top. Curvature describes only the ripple in which a search ended, not
+the uncertainty of the size. Therefore the objective is profiled outwards over ripples, and over optima beyond the best
+one; the interval contains the sizes that explain the readings as well as the best one, but for chance.
 
-How much chance is, is known of thresholds: a size moves the thresholds between steps, rows cross them one by one, and
-the log-likelihood about the truth is a random walk to both sides, not a parabola. Twice its rise is below z with the
+The role of chance is known for thresholds: a size moves the thresholds between steps, rows cross them one by one, and
+the log-likelihood around the truth is a random walk to both sides, not a parabola. Twice its rise is below z with the
 probability (1 - exp(-z / 2))^2. Source: Hansen, Sample splitting and threshold estimation, Econometrica 68 (2000),
-theorem 2 and table 1. Of the many sizes that are tried, the best gains something where nothing is rounded, too: none is
-possible unless it gains more than the best of so many does by chance (chi-squared, after Bonferroni).
+theorem 2 and table 1. The best of the many sizes tried gains something even if nothing is rounded: a size of zero
+remains possible unless the gain exceeds that of the best of as many by chance (chi-squared, after Bonferroni).
 """
 
 from __future__ import annotations
@@ -29,29 +29,29 @@ from .how import Say, quiet
 from .uncertainty.sandwich import Uncertainty
 
 EVERY_SIZE = np.arange(1.0, 200.0, 0.25), False
-"""Steps between none and the largest reading that are tried: searches from within a third of a step end right, and
-finer steps than half a per cent of the signal are not looked for."""
+"""Numbers of steps up to the largest reading that are tried: a search from within a third of a step converges to the
+right size, and steps finer than half a per cent of the signal are not searched. False: not relative to the present."""
 NEAR_SIZES = np.linspace(-0.5, 0.5, 101), True
-"""The same, beside those of the present size."""
+"""Numbers of steps relative to the present one."""
 CONFIDENCE = 0.95
 RISE = -2.0 * float(np.log(1.0 - np.sqrt(CONFIDENCE)))
-"""Twice the rise of the objective within which sizes are held for possible."""
+"""Twice the rise of the objective up to which sizes count as possible."""
 BY_CHANCE = float(chdtri(1, (1.0 - CONFIDENCE) / len(EVERY_SIZE[0])))
-"""Twice the gain that the best of all sizes has over none by chance, in as many fits as the confidence says."""
+"""Twice the gain of the best of all sizes over none that chance exceeds with the probability 1 - CONFIDENCE."""
 STEPS_OF_OTHERS = 5
-"""Steps of the search that has all else follow a size that is held."""
+"""Steps of the search for the other unknowns at a fixed size."""
 BETWEEN = 4
-"""How often the stretch between the last possible size and the next one is halved."""
+"""How often the interval between the last possible size and the next one is halved."""
 
 
 def at_best_sizes(
     problem: MotionProblem, recordings: Sequence[Recording], x: Array, tried: tuple[Array, bool], say: Say = quiet
 ) -> Array:
-    """(unknowns,) with free magnitudes of effects that round where the objective is least, all else as it is.
+    """(unknowns,) with the free sizes of rounding effects set to their best values, all else unchanged.
 
     Parameters
     ----------
-    tried : numbers of steps up to the largest reading, and whether these are beside the present one.
+    tried : numbers of steps up to the largest reading, and whether they are relative to the present one.
     """
     places = rounding(problem)
     best, least = x, _objective(problem, x) if places else np.inf
@@ -72,12 +72,12 @@ def at_best_sizes(
 def error_of_sizes(
     problem: MotionProblem, recordings: Sequence[Recording], x: Array, known: Uncertainty, say: Say = quiet
 ) -> Array:
-    """(unknowns, unknowns) what the many optima of sizes add to the covariance of the unknowns, all else following.
+    """(unknowns, unknowns) contribution of the sizes' many optima to the covariance, the other unknowns following.
 
     Parameters
     ----------
     x : (unknowns,) an optimum.
-    known : what its curvature says.
+    known : uncertainty from the curvature there.
     """
     result = np.zeros((problem.layout.size, problem.layout.size))
     for name, place in rounding(problem).items():
@@ -95,12 +95,12 @@ def error_of_sizes(
 
 
 def rounding(problem: MotionProblem) -> dict[str, int]:
-    """Free magnitudes of effects that round an input, and their places among the parameters."""
+    """Free sizes of effects that round an input, and their indices among the parameters."""
     return {k: v for k, v in free_places(problem.model.parameters).items() if k in problem.model.rounded}
 
 
 class _Possible:
-    """The sizes that explain the readings as well as an optimum, (unknowns,) x, but for chance."""
+    """The sizes that explain the readings as well as an optimum x, (unknowns,), but for chance."""
 
     def __init__(self, problem: MotionProblem, x: Array, place: int, allowed: float, say: Say) -> None:
         self.problem, self.x, self.place, self.allowed, self.say = problem, x, place, allowed, say
@@ -111,17 +111,17 @@ class _Possible:
         self.least, self.tried = _objective(problem, x), 0
 
     def ends(self, largest: float) -> list[Array]:
-        """(unknowns,) at the smallest and the largest such size.
+        """(unknowns,) at the smallest and the largest possible size.
 
         Parameters
         ----------
-        largest : reading that is rounded.
+        largest : largest reading that is rounded.
         """
         both = [self._end(list(self._outwards(largest, side)), largest) for side in (-1, 1)]
         return [*both, self.x]
 
     def _outwards(self, largest: float, side: int) -> Iterator[float]:
-        """Sizes to one side: over ripples, as few rows as one and then twice as many, then over optima beside this."""
+        """Sizes to one side: over ripples in steps that start at one row and double, then over the optima beyond."""
         size = self._size(self.x)
         low, high = (float(bound[self.problem.parameters.index[0][self.place]]) for bound in self.problem.bounds)
         rows = sum(len(run) for run in self.problem.runs)
@@ -137,7 +137,7 @@ class _Possible:
                 yield largest / float(number)
 
     def _end(self, sizes: Sequence[float], largest: float) -> Array:
-        """(unknowns,) at the outermost possible size; a stretch of one step without any ends the search."""
+        """(unknowns,) at the outermost possible size; the search ends after a step's width without a possible one."""
         last, after = self.x, np.nan
         for size in sizes:
             if self._size(last) > 0 and abs(largest / size - largest / self._size(last)) > 1.0 and np.isfinite(after):
@@ -151,7 +151,7 @@ class _Possible:
         return last
 
     def at(self, size: float, allowed: float) -> Array | None:
-        """(unknowns,) with a size, all else at its best; None where the objective is higher by more than allowed."""
+        """(unknowns,) with a size, the others optimal; None if the objective is higher by more than `allowed`."""
         self.tried += 1
         self.say(f"{self.name}: interval of the size, {self.tried} tried, {size:.6g}", passing=True)
         x = _with_size(self.problem, self.x, self.place, size)
@@ -178,7 +178,7 @@ def _with_size(problem: MotionProblem, x: Array, place: int, size: float) -> Arr
 
 
 def _largest(problem: MotionProblem, recordings: Sequence[Recording], name: str) -> float:
-    """Of the readings that a magnitude rounds."""
+    """Largest of the readings that a size rounds."""
     signal = problem.model.rounded[name]
     return max(float(np.nanmax(np.abs(recording[signal]))) for recording in recordings)
 

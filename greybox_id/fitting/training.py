@@ -1,4 +1,4 @@
-"""Training hybrid models: some manoeuvres are trained on, others say when to stop."""
+"""Train hybrid models: on some manoeuvres, with early stopping by the others."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from .how import FitOptions, Say, quiet
 from .provenance import Stage
 
 HELD_OUT = 0.2
-"""Share of the manoeuvres that say when to stop."""
+"""Share of the manoeuvres held out for early stopping."""
 PIECES = 5
-"""Of so many pieces one says when to stop where training is carried on: a fifth, as of manoeuvres, all along a run."""
+"""In a continued training, one of this many pieces is held out: a fifth, as of manoeuvres, all along a run."""
 WARM_UP, STEPS, PATIENCE = 60, 300, 60
 _SAID = 10
 """Steps between lines of progress."""
@@ -36,10 +36,10 @@ class Trained:
 
     Attributes
     ----------
-    model : at its estimates.
-    stage : how it got there; noise is that of the readings, by which errors are weighed.
-    held_out : names of the unbroken runs that said when to stop.
-    errors : root mean square errors over windows, in units of noise (the paper's RMSSE), trained on and held out.
+    model : the model, at its estimates.
+    stage : record of the training; its noise is that of the readings, which weights errors.
+    held_out : names of the held-out runs.
+    errors : root mean square errors over windows, in units of noise (the paper's RMSSE), training and held out.
     """
 
     model: HybridModel
@@ -50,12 +50,12 @@ class Trained:
 
 @dataclass(frozen=True)
 class TrainedBefore:
-    """A hybrid model whose training is carried on.
+    """A trained hybrid model whose training is continued.
 
     Attributes
     ----------
-    model : trained.
-    source : the file it comes from, for people.
+    model : the trained model.
+    source : its file, for messages.
     """
 
     model: HybridModel
@@ -63,22 +63,22 @@ class TrainedBefore:
 
 
 def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say) -> Trained:
-    """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
+    """Continue the training of a hybrid model, on recordings of a vehicle with other tyres.
 
-    What moves is what the model says vehicles differ by (`HybridModel.carried_on`), about where it is; weights stay as
-    they are. Moved along, they learned one manoeuvre by heart and spun in others. Every fifth piece of two windows is
-    not trained on and says when to stop; a model that fits these best as it is stays as it is. The recordings that it
-    was trained on before are not needed.
+    The parameters by which vehicles differ (`HybridModel.carried_on`) are estimated, with priors around their values;
+    weights stay fixed. When weights were free, they memorised one manoeuvre and spun in others. Every fifth piece of
+    two windows is held out for early stopping; a model that fits these best as it is stays unchanged. The recordings of
+    the earlier training are not needed.
 
     Parameters
     ----------
-    model : trained.
+    model : the trained model.
     recordings : of the changed vehicle.
     how : known noise; one start.
 
     Raises
     ------
-    BadInput : as `fit_network`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
+    BadInput : as `fit_network`; there are fewer than `PIECES` pieces, or several starts, or nothing to estimate.
     """
     if how.starts > 1:
         raise BadInput(f"A continued training of {model.name} starts at the numbers of its fit; omit ‹starts›.")
@@ -105,7 +105,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
 
 
 def _carried_on(parameter: Parameter, moving: Sequence[str]) -> Parameter:
-    """Free with its prior about where it is, or held."""
+    """The parameter free with its prior around its value, or fixed."""
     if parameter.name not in moving:
         return replace(parameter, fixed=True)
     return replace(parameter, fixed=False, prior=parameter.prior and replace(parameter.prior, mean=None))
@@ -115,15 +115,15 @@ def trained_best(
     model: HybridModel, how: FitOptions, say: Say, clock: float, train: Callable[[int, Say], Descent],
     inside: SquaredErrors, outside: SquaredErrors, noise_of: Callable[[Array], Array], held_out: tuple[str, ...],
 ) -> Trained:  # fmt: skip
-    """The best of several trainings by what is held out, with the record of all.
+    """The training with the lowest held-out error of several, with the record of all.
 
     Parameters
     ----------
-    clock : processor time at which all began.
-    train : seed, progress -> a training, whose x are the model's parameters.
-    inside, outside : errors of what is trained on and of what is held out.
+    clock : processor time at the beginning.
+    train : (seed, progress) -> a training, whose x are the model's parameters.
+    inside, outside : errors on training and held-out data.
     noise_of : parameters -> noise of the readings.
-    held_out : names of what says when to stop.
+    held_out : names of the held-out runs.
     """
     away = apart(how.starts, how.jobs)
 
@@ -149,9 +149,9 @@ def trained_best(
 def descent(
     problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say, begin: Array | None = None
 ) -> Descent:
-    """A training from weights that are drawn, or from those of a trained model, which needs no first steps.
+    """A training from random weights, or from those of a trained model, without warm-up.
 
-    What it ends at are the model's parameters.
+    Its x are the model's parameters.
     """
 
     def report(step: int, loss: float, held_out: float) -> None:
@@ -167,7 +167,7 @@ def descent(
 
 
 def manoeuvres(model: HybridModel, recordings: Sequence[Recording]) -> list[tuple[str, Stretch]]:
-    """Unbroken runs as long as a window, each with its name."""
+    """Unbroken runs at least as long as a window, with names."""
     return [
         (f"{recording.name}, rows {one.rows.start} to {one.rows.stop - 1}", one)
         for recording in recordings
@@ -179,7 +179,7 @@ def manoeuvres(model: HybridModel, recordings: Sequence[Recording]) -> list[tupl
 def split(
     named: Sequence[tuple[str, Stretch]], model: HybridModel, seed: int
 ) -> tuple[list[Stretch], list[Stretch], tuple[str, ...]]:
-    """What is trained on, what says when to stop, and the names of the latter."""
+    """Stretches for training, held-out ones for early stopping, and the names of the latter."""
     if not named:
         raise BadInput(
             f"No unbroken stretch of the recordings is as long as a window of {model.name}, {model.window} rows, with "
@@ -224,13 +224,13 @@ def mirrored(model: HybridModel, one: Stretch) -> Stretch:
 
 
 def read_noise(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
-    """Standard deviation of each output's readings: as stated, else as they tell."""
+    """Standard deviation of each output's readings: as stated, else estimated from them."""
     found_noise = noise(stretchs)
     for k, name in enumerate(model.outputs):
         read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
         if name in how.noise:
             found_noise[k] = how.noise[name]
-        elif len(read):  # of a signal without noise a thousandth, lest it outweigh all others
+        elif len(read):  # at least a thousandth of the spread, so that a noiseless signal does not outweigh all others
             found_noise[k] = np.fmax(found_noise[k], 1e-3 * max(float(np.std(read)), 1e-12))
     if not np.any(np.isfinite(found_noise)):
         raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")

@@ -1,9 +1,9 @@
-"""A magic formula fitted to what a tyre rig measured: slip angle, load and side force.
+"""A magic formula fitted to measurements of a tyre rig: slip angle, load and side force.
 
 F_y = F_z (D sin(C atan(B a - E (B a - atan(B a)))) + S_v), a = alpha + S_h, with PCY1, PDY1, PDY2, PEY1, PEY2, PKY1,
 PKY2, PHY1 and PVY1 of version 5.2 (PKY4 = 2). Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.3.2. One
-formula is fitted to all rows near no camber; friction and stiffness are then scaled for each temperature and pressure,
-and how far these lie apart is their spread.
+formula is fitted to all rows near zero camber; friction and stiffness are then scaled for each temperature and
+pressure, and the standard deviation of these factors is reported.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ COLUMNS: Mapping[str, tuple[str, str]] = {
     "pressure": (r"p|((inflation|tyre|tire) )?pressure", "kPa"),
     "temperature": (r"tst[cio]|((tread|tyre|tire) )?temp(erature)?", "degC"),
 }
-"""What a rig records -> names of its column, and the unit it is wanted in."""
+"""Quantity recorded by a rig -> pattern of its column's name, and its unit here."""
 DISPLAYED: Mapping[str, Callable[[Array], Array]] = {
     "kPa": lambda pascal: pascal / 1e3,
     "degC": lambda kelvin: kelvin - 273.15,
 }
-"""Units in which people know pressures and temperatures, from SI."""
+"""Conversions from SI to the usual units of pressures and temperatures."""
 NEEDED = ("slip", "load", "force")
 UPRIGHT = 0.01
-"""Camber, rad, that counts as none."""
+"""Largest camber, rad, that counts as zero."""
 MOST_SLIP = 1.2
 FEWEST = 200
-"""Rows below which nothing is fitted."""
+"""Smallest number of rows for a fit."""
 SWEPT = 0.03
-"""Slip angle, rad, that must be reached to both sides together: a curve that never bends tells no friction."""
+"""Slip angle, rad, that a sweep must exceed on both sides: without a bend of the curve, friction is unidentifiable."""
 BANDS = 3
-"""Bands of temperature, each of as many rows."""
+"""Number of temperature bands, with equally many rows."""
 NEAR_PRESSURE = 0.08
-"""Pressures closer than this share are one."""
+"""Relative difference below which pressures count as equal."""
 SMALLEST_BAND = 100
 FREE = ("PCY1", "PDY1", "PDY2", "PEY1", "PEY2", "PKY1", "PKY2", "PHY1", "PVY1")
 START = (1.4, 1.5, -0.1, -0.5, 0.0, 25.0, 1.5, 0.0, 0.0)
@@ -67,8 +67,8 @@ class Band:
 
     Attributes
     ----------
-    words : which.
-    rows : how many.
+    words : temperature and pressure in words.
+    rows : number of rows.
     friction, stiffness : factors on the formula of all rows.
     """
 
@@ -80,18 +80,18 @@ class Band:
 
 @dataclass(frozen=True)
 class TyreFit:
-    """A magic formula and how well it holds.
+    """A magic formula and its goodness of fit.
 
     Attributes
     ----------
-    numbers : KEY -> coefficient, FNOMIN among them.
+    numbers : KEY -> coefficient, with FNOMIN.
     sd : KEY -> standard deviation.
     rmse : N.
     explained : share of the side force's variance.
-    rows, left_out : used, and of another camber or without numbers.
+    rows, left_out : number of rows used, and of rows with another camber or missing values.
     bands : temperatures and pressures.
     friction_spread, stiffness_spread : standard deviation of the bands' factors; NaN with fewer than two.
-    notes : what was done to the file.
+    notes : remarks on how the file was read.
     largest_slip : rad, reached by 99 % of the rows.
     """
 
@@ -109,7 +109,7 @@ class TyreFit:
 
     @property
     def usable(self) -> bool:
-        """Whether it describes what was measured."""
+        """Whether the formula describes the measurements."""
         return self.explained > 0.9
 
 
@@ -118,11 +118,11 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
 
     Parameters
     ----------
-    files : text or other tables with slip angle, load and side force, in stated units or such as sizes tell.
+    files : text or other tables with slip angle, load and side force, in stated units or units recognised by size.
 
     Raises
     ------
-    BadInput : a column is missing, rows are too few, or the tyre was never led to both sides.
+    BadInput : a column is missing, rows are too few, or slip angles do not reach both sides.
     """
     parts = [_read(Path(file)) for file in files]
     data = {
@@ -169,7 +169,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
 
 
 def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
-    """Columns of a file by what they hold, in SI units (pressure in kPa, temperature in degC), and sentences."""
+    """Columns of a file by quantity, in SI units (pressure in kPa, temperature in degC), and remarks."""
     result = contents(file, ColumnMap("none", Column("time", "time", "s", "s"), {}))
     group = result.groups[0]
     words = {
@@ -201,13 +201,13 @@ def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
 
 
 def _stated(table: RawTable, units: Mapping[str, str], name: str) -> str:
-    """The unit that the file, or the name, states."""
+    """The unit stated in the file or in the column's name."""
     bracket = re.search(r"[\[(]\s*([^\])]*)", name)
     return units.get(name, "") or table.units.get(name, "") or (known_unit(bracket[1]) if bracket else "")
 
 
 def _likely(what: str, values: Array) -> str:
-    """The unit by size, where a file states none."""
+    """The unit guessed from the size of the values, if a file states none."""
     size = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
     if what in ("slip", "camber"):
         return "rad" if size < MOST_SLIP / 2 else "deg"
@@ -230,7 +230,7 @@ def _curve(x: Array, slip: Array, load: Array, nominal: float) -> tuple[Array, A
 
 
 def _force(x: Array, slip: Array, load: Array, nominal: float, friction: float = 1.0, stiffness: float = 1.0) -> Array:
-    """F_y, N; friction and stiffness are factors as LMUY and LKY."""
+    """F_y, N; friction and stiffness are factors like LMUY and LKY."""
     D, C, E, K, S_h, S_v = _curve(x, slip, load, nominal)
     D, K = D * friction, K * stiffness
     a = slip + S_h
@@ -239,7 +239,7 @@ def _force(x: Array, slip: Array, load: Array, nominal: float, friction: float =
 
 
 def _fitted(slip: Array, load: Array, force: Array, nominal: float) -> tuple[Array, Array]:
-    """Coefficients and their standard deviations, residuals of a band of neighbouring rows counted as one."""
+    """Coefficients and their standard deviations, corrected for the correlation of neighbouring residuals."""
     low, high = (np.array([BOUNDS[key][k] for key in FREE]) for k in (0, 1))
     scale = np.where(np.array(START) == 0, 0.1, np.abs(START))
     noise = 0.05 * float(np.quantile(np.abs(force), 0.95))
@@ -262,7 +262,7 @@ def _fitted(slip: Array, load: Array, force: Array, nominal: float) -> tuple[Arr
 
 
 def _bands(data: Mapping[str, Array], x: Array, slip: Array, load: Array, force: Array, nominal: float) -> list[Band]:
-    """Friction and stiffness of each temperature and pressure, as factors."""
+    """Friction and stiffness factors of each temperature and pressure."""
     labels = [np.zeros(len(slip), int), np.zeros(len(slip), int)]
     names: list[list[str]] = [[""], [""]]
     if "pressure" in data and np.isfinite(data["pressure"]).all():
@@ -290,7 +290,7 @@ def _bands(data: Mapping[str, Array], x: Array, slip: Array, load: Array, force:
 
 
 def _pressures(values: Array) -> tuple[NDArray[np.int64], list[str]]:
-    """Pressures that were set, by gaps between them."""
+    """Set pressures, separated by gaps: number of each row's, and their names."""
     order = np.sort(values)
     edges = order[1:][np.diff(order) > NEAR_PRESSURE * order[:-1]]
     labels = np.searchsorted(edges, values, side="right")
@@ -311,7 +311,7 @@ SECTIONS: Mapping[str, tuple[tuple[str, str], ...]] = {
 
 
 def tyre_text(fit: TyreFit, source: str) -> str:
-    """A tyre property file of the formula; comments say how far temperatures and pressures lie apart."""
+    """A tyre property file of the formula; comments give the factors of temperatures and pressures."""
     well = f"RMSE {fit.rmse:.1f} N, {100 * fit.explained:.1f} % explained"
     lines = [f"$ Magic formula of {source}: {fit.rows} rows, {well}"]
     lines += [f"$ {one.words}: friction x {one.friction:.3f}, stiffness x {one.stiffness:.3f}" for one in fit.bands]

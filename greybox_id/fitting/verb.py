@@ -1,8 +1,8 @@
 """The verb `fit`: from recordings and a model to a `Fit`.
 
-A model with parts is fitted in two steps, as the papers on model-structured networks do: each part alone, on
+A model with parts is fitted in two steps, as in the papers on model-structured networks: each part alone, on
 measured inputs (step 1), then everything together with its own predictions fed back (step 2).
-The result is judged on what it saw and on what is new: by errors beside those of holding a reading, and by a verdict.
+The result is judged on training and held-out data: by errors compared with persistence, and by a verdict.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ from .training import TrainedBefore
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is held of a fit.
+    """Scores of a fit and its verdict.
 
     Attributes
     ----------
     scores : role or recording -> protocol -> output -> its error.
-    held : the same of holding the reading a prediction starts from, where its kind of model is set beside that.
-    verdict : on the fit.
+    held : the same for persistence, for kinds of models that are compared with it.
+    verdict : the verdict on the fit.
     """
 
     scores: Mapping[str, Scores]
@@ -64,27 +64,27 @@ class Judgement:
 
 @by_kind
 def carried(model: Model, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
-    """A reason against a fit whose parameters do not carry over to a recording; empty where they do, or none is asked.
+    """A reason against a fit whose parameters do not carry over to a recording; empty if they do, or without a test.
 
     Parameters
     ----------
-    model : the fit's.
+    model : the fit's model.
     fit : the fit.
-    recording : that it has not seen.
-    name : what to call it.
+    recording : a held-out recording.
+    name : its name in the sentence.
     """
     return []
 
 
 @by_kind
 def refuted(model: Model, fit: Fit, recording: Recording) -> Iterable[Reason]:
-    """Reasons against a fit that other fits to its training data give; none where there are none, or none is asked.
+    """Reasons against a fit from other fits to its training data; empty if there are none, or without a test.
 
     Parameters
     ----------
-    model : the fit's.
+    model : the fit's model.
     fit : the fit.
-    recording : that it was trained on.
+    recording : its training data.
     """
     return []
 
@@ -100,8 +100,8 @@ def judgement(
     Parameters
     ----------
     fit : the fit.
-    recordings : by role or name; "train" is what it was fitted to, all else was held out.
-    findings, data : as of `judged`.
+    recordings : by role or name; "train" is the training data, all others were held out.
+    findings, data : as in `judged`.
     """
     recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
     both = {name: score_beside_hold(fit.model, recording) for name, recording in recordings.items()}
@@ -125,12 +125,12 @@ __all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
 
 @dataclass(frozen=True)
 class FitTask:
-    """What a model is fitted to, and how.
+    """A task of fitting: data, options and candidate structures.
 
     Attributes
     ----------
-    recordings, validate, how, say, pretraining : as of `fit`.
-    structures : the models that cross-validation may choose between; the one that is fitted, where there is no choice.
+    recordings, validate, how, say, pretraining : as in `fit`.
+    structures : models for cross-validation to choose from; a single one if there is no choice.
     """
 
     recordings: Sequence[Recording]
@@ -143,11 +143,11 @@ class FitTask:
 
 @by_kind
 def estimated(model: Model, task: FitTask) -> Fit:
-    """The fit as its kind of model is fitted; its errors, its verdict and what it has seen are put into it afterwards.
+    """Fit by the method of the model's kind; errors, verdict and provenance are added afterwards.
 
     Raises
     ------
-    BadInput : as `fit` does; what is wrong with the validation recording is said before the work.
+    BadInput : as `fit`; faults of the validation recording are reported before the work.
     """
     raise BadInput(f"{model.name} is {model.called}, which cannot be fitted.")
 
@@ -167,30 +167,30 @@ def fit(
 
     Parameters
     ----------
-    model : nominal values are the starting point. Of several structures the one is fitted that blocked
-        cross-validation on the training data prefers.
+    model : its nominal values are the starting point. Of several structures, blocked cross-validation on the training
+        data chooses one.
     recordings : training data, in SI units.
-    validate : only scored, except under early stopping, where it chooses when to stop.
+    validate : held-out recording, only scored, except under early stopping, where it chooses when to stop.
     how : strengths, solver, starts, seed.
     say : called with one line of progress at a time.
-    command : what reproduces the fit, for the record.
-    pretraining : a known vehicle that a feed-forward network learns from first; or a trained hybrid model with a
-        memory, whose training is continued in place of the model's.
-    sensors : output -> standard deviation of its sensor, as the vehicle's file states it: residuals are judged by it.
+    command : command that reproduces the fit, for the record.
+    pretraining : a known vehicle on which a feed-forward network is pretrained; or a trained hybrid model with a
+        memory, whose training is continued instead of the model's.
+    sensors : output -> standard deviation of its sensor, from the vehicle's file, against which residuals are judged.
 
     Returns
     -------
-    Fit. Ctrl-C keeps the best point so far and says so in the stage's status.
+    Fit. Ctrl-C keeps the best point so far and is recorded in the stage's status.
 
     Raises
     ------
-    BadInput : the recordings lack a signal, differ in sample time, are too short, or their time does not run.
+    BadInput : the recordings lack a signal, differ in sample time, are too short, or their time does not increase.
     """
     how, say = how or FitOptions(), say or quiet
     for recording in [*recordings, *([] if validate is None else [validate])]:
         recording.must_run()
     models = [model] if isinstance(model, Model) else list(model)
-    with traced_once(), threadpool_limits(1):  # matrices are small: a second thread only waits, at full power
+    with traced_once(), threadpool_limits(1):  # matrices are small: a second BLAS thread only spins
         task = FitTask(recordings, validate, how, say, models, pretraining)
         task, stood = _moving(models[0], task)
         result, task, held = _between_rows(estimated(models[0], task), task)
@@ -210,9 +210,9 @@ def fit(
 
 
 def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:
-    """The task without rows at which a vehicle stands under its brake, and how long it stood, s.
+    """The task without rows in which the vehicle stands under its brake, and how long it stood, s.
 
-    No force of the drive shows there: the brake holds as much as it has to.
+    The drive's force is invisible there: the brake holds whatever force is needed.
     """
     if not isinstance(model, MotionModel) or "drive" not in model.inputs or "v_x" not in model.outputs:
         return task, 0.0
@@ -233,7 +233,7 @@ def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:
 
 
 def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
-    """The fit with commands held or run on between rows, the likelier where no map says; and what was weighed."""
+    """The fit with commands held or interpolated between rows, the likelier if no map says; and the comparison."""
     held = weighed(fit, task.recordings, task.how)
     if held is None:
         return fit, task, None
@@ -256,7 +256,7 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
 
 
 def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reason | None:
-    """A reason against a fit whose last effect makes it predict worse what was held out than the same without it."""
+    """A reason against a fit that predicts the held-out recording worse than a refit without its last effect."""
     free = [name for name in fit.model.effects if name in fit.model and not fit.model[name].fixed]
     if task.validate is None or not isinstance(fit.model, MotionModel) or not fit.confirmed or not free:
         return None
@@ -280,7 +280,7 @@ def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reas
 
 
 def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
-    """The fit with what it does on the validation recording where each run told its delay first."""
+    """The fit with scores on the validation recording after calibrating each run's delay."""
     known = calibrated_timing(fit, validate, seconds)
     value = as_dict({calibration_words(seconds): calibrated_errors(must_have_timing(fit.model), validate, known)})
     metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **value}}
@@ -288,7 +288,7 @@ def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
 
 
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
-    """What the checks hold against the data of a fit, by role."""
+    """Findings of the checks on a fit's data, by role."""
     used = used_signals(fit.model)
     trained = join(recordings, "training data")
     result = {"train": [item for recording in recordings for item in distrust(used, recording, faults=True)]}
@@ -299,9 +299,9 @@ def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | N
 
 
 def _seen(fit: Fit, validate: Recording, trained: Recording) -> Iterator[Finding]:
-    """Whether rows that were held out are rows of the training data, under another name or on another clock."""
+    """A finding if held-out rows are rows of the training data, under another name or on another clock."""
     share = seen(validate, trained)
-    if share > 0.0 and not any(fitted_to(fit, fit.data)):  # which says so of one file
+    if share > 0.0 and not any(fitted_to(fit, fit.data)):  # which reports the same file itself
         sentence = (
             f"{100 * share:.0f} % of its rows are rows to which the model was fitted: errors on them prove nothing. "
             f"Hold "
