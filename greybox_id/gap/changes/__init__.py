@@ -1,1 +1,1 @@
-"""What changed between recordings of one vehicle, which its own recordings from before decide."""
+"""What changed between recordings of one vehicle, judged by its own recordings from before."""

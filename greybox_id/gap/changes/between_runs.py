@@ -1,10 +1,10 @@
-"""What recordings of one vehicle have in common, and by how much its numbers differ from run to run.
+"""What runs of one vehicle have in common, and by how much its numbers differ from run to run.
 
-Numbers of a run are those of the vehicle, c, and for the few that may differ between runs a deviation d_k, normal about
-zero with a standard deviation S that is learned: its square has an inverse gamma prior about what is usual and is found
-by expectation-maximisation, in which every run counts for as much as it tells (Dempster, Laird & Rubin, J. R. Statist.
-Soc. B 39, 1977; Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are explained at once, by
-Gauss-Newton on their innovations.
+Numbers of a run are those of the vehicle, c, and for some of them a deviation d_k, normal about zero with a standard
+deviation S between runs: its square has an inverse gamma prior about the usual scatter and is estimated by
+expectation-maximisation, in which every run counts by its information (Dempster, Laird & Rubin, J. R. Statist. Soc. B
+39, 1977; Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are explained at once, by Gauss-Newton on
+their innovations.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ class VaryingNumber:
     ----------
     name : of the model's parameter.
     logarithmic : whether the coordinate is its logarithm.
-    mean, sd : what is believed of the coordinate.
-    step : of differences, in the coordinate.
+    mean, sd : prior of the coordinate.
+    step : of finite differences, in the coordinate.
     low, high : of the coordinate.
-    usual : standard deviation between runs to which nothing was done; zero where runs share it.
-    change : width of what a change may be.
+    usual : standard deviation between runs to which nothing was done; zero where runs share the number.
+    change : prior standard deviation of a change.
     """
 
     name: str
@@ -61,13 +61,13 @@ def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
 
 @dataclass(frozen=True)
 class Curve:
-    """What rides tell at some numbers, and what is believed of these.
+    """Quadratic approximation of a cost.
 
     Attributes
     ----------
-    cost : negative log-likelihood.
+    cost : negative log-likelihood, or negative log posterior.
     g, H : (n,), (n, n) its gradient and its Gauss-Newton Hessian.
-    scores : (blocks, n) of which the gradient of a single ride is the sum.
+    scores : (blocks, n) gradients of the blocks of a single ride, which add up to its gradient.
     """
 
     cost: float
@@ -82,9 +82,9 @@ class Weigher:
 
     Attributes
     ----------
-    follower : with sizes of noise.
+    follower : the filter, with sizes of noise.
     numbers : that are searched.
-    noise : how innovations are distributed.
+    noise : distribution of innovations.
     """
 
     follower: Follower
@@ -92,16 +92,16 @@ class Weigher:
     noise: InnovationNoise
 
     def innovations(self, ride: FollowedRun, x: Array) -> FilterInnovations | None:
-        """At coordinates x."""
+        """Innovations of a ride at coordinates x; None where the filter diverges."""
         return self.follower.innovations(ride, values_of(self.numbers, x))
 
     def cost(self, ride: FollowedRun, x: Array) -> float:
-        """At coordinates x; infinite where the filter diverges."""
+        """Negative log-likelihood of a ride at coordinates x; infinite where the filter diverges."""
         result = self.innovations(ride, x)
         return np.inf if result is None else self.noise.cost(result)
 
     def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Curve:
-        """With derivatives, by the numbers at these places; None: by all."""
+        """Cost of a ride at x with derivatives by the numbers at indices `moved`; None: by all."""
         n, places = len(x), range(len(x)) if moved is None else moved
         steps = {k: item.step if x[k] + item.step <= item.high else -item.step
                  for k in places for item in (self.numbers[k],)}  # fmt: skip
@@ -126,16 +126,16 @@ class Weigher:
 
 @dataclass(frozen=True)
 class Common:
-    """What runs have in common.
+    """Numbers that runs have in common, and their scatter between runs.
 
     Attributes
     ----------
     numbers : of the vehicle.
-    varying : places of those that differ between runs.
+    varying : indices of those that differ between runs.
     x, covariance : (n,), (n, n) of the vehicle's coordinates.
-    scatter : (n,) standard deviation between runs; zero of those that do not vary.
-    deviations, deviation_sds : (runs, n) of each run, and how well they are known.
-    weigher : what weighed them.
+    scatter : (n,) standard deviation between runs; zero for those that do not vary.
+    deviations, deviation_sds : (runs, n) of each run from the vehicle, and their standard deviations.
+    weigher : by which they were estimated.
     """
 
     numbers: tuple[VaryingNumber, ...]
@@ -149,7 +149,7 @@ class Common:
 
     @property
     def of_a_run(self) -> Array:
-        """(n, n) covariance of the coordinates of a further run to which nothing was done."""
+        """(n, n) prior covariance of the coordinates of a further run to which nothing was done."""
         return np.asarray(self.covariance + np.diag(self.scatter**2))
 
 
@@ -167,10 +167,10 @@ def common(
     ----------
     weigher : of rides.
     rides : of one vehicle, to which nothing was done between them.
-    usual : name -> usual standard deviation between runs, of those that may differ.
-    belief : name -> runs that this counts as; infinite where it is no matter of runs.
-    start : where they were found before.
-    settled : log-likelihood below which a step that is expected to gain so much is the last.
+    usual : name -> usual standard deviation between runs, of numbers that may differ.
+    belief : name -> number of runs that this counts as; infinite: it is not estimated.
+    start : earlier estimates.
+    settled : log-likelihood; the search ends where a step is expected to gain less.
     """
     numbers = weigher.numbers
     n, runs = len(numbers), len(rides)
@@ -191,7 +191,7 @@ def common(
     low, high = np.array([[number.low, number.high] for number in numbers]).T
     low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
     for _ in range(CAL.rounds_of_scatter):
-        firm = np.tile(scatter**-2.0, runs)  # runs about their vehicle
+        firm = np.tile(scatter**-2.0, runs)  # precisions of runs about their vehicle
         precision = np.asarray((beyond_vehicle.T * firm) @ beyond_vehicle, dtype=float)
         precision[:n, :n] += np.diag(1.0 / sd**2)
         u, last = _most_probable(weigher, rides, places, u, (middle, precision), (low, high), settled=settled)
@@ -210,12 +210,12 @@ def common(
 
 
 def change_sds(told: Array, belief: Array) -> Array:
-    """(n,) standard deviation with which recordings tell by how much each number differs from what is believed.
+    """(n,) standard deviation with which recordings determine the deviation of each number from its prior mean.
 
     Parameters
     ----------
-    told : (n, n) Hessian of what the recordings tell alone.
-    belief : (n, n) covariance of what is believed, also of all others.
+    told : (n, n) Hessian of the recordings' negative log-likelihood.
+    belief : (n, n) prior covariance of the numbers.
     """
     precise = told - told @ np.linalg.solve(told + np.linalg.inv(belief), told)
     return 1.0 / np.sqrt(np.maximum(np.diag(precise), 1e-12))
@@ -223,14 +223,14 @@ def change_sds(told: Array, belief: Array) -> Array:
 
 @dataclass(frozen=True)
 class RunExplained:
-    """A run under what is believed of it.
+    """A run, explained under a prior.
 
     Attributes
     ----------
     x : (n,) its coordinates.
-    cost : negative log-likelihood with the belief.
-    H : (n, n) Hessian with the belief.
-    told, pull : (n, n), (n,) Hessian and gradient of what rides tell alone.
+    cost : negative log posterior.
+    H : (n, n) its Hessian.
+    told, pull : (n, n), (n,) Hessian and gradient of the rides' negative log-likelihood alone.
     """
 
     x: Array
@@ -248,13 +248,13 @@ def explained(
     covariance: Array,
     moved: Sequence[int] | None = None,
 ) -> RunExplained:
-    """The most probable numbers that rides share, where these are believed to be about `mean`.
+    """The most probable numbers of rides that share them, under a prior about `mean`.
 
     Parameters
     ----------
     start : (n,) where the search begins.
-    mean, covariance : what is believed.
-    moved : places of the numbers that matter to these rides; the others follow as they are believed to.
+    mean, covariance : of the prior.
+    moved : indices of the numbers that matter to these rides; the others follow by the prior.
     """
     precision, places = np.asarray(np.linalg.inv(covariance), dtype=float), [np.arange(len(mean)) for _ in rides]
     low, high = np.array([[number.low, number.high] for number in weigher.numbers]).T
@@ -272,13 +272,13 @@ def _most_probable(
     moved: Sequence[int] | None = None,
     settled: float = CAL.between_settled,
 ) -> tuple[Array, Curve]:
-    """Where unknowns are most probable, and what is told there.
+    """The most probable unknowns, and the cost's quadratic approximation there.
 
     Parameters
     ----------
     places : of each ride's numbers among the unknowns.
     start : where the search begins.
-    belief : mean and precision of the unknowns.
+    belief : prior mean and precision of the unknowns.
     bounds : of the unknowns.
     moved, settled : as of `explained`, `common`.
     """
@@ -310,22 +310,22 @@ def descended(
     high: Array,
     settled: float = CAL.between_settled,
 ) -> tuple[Array, Curve]:
-    """Where a cost is least within bounds, and what it is there.
+    """Minimum of a cost within bounds, and its quadratic approximation there.
 
-    Gauss-Newton steps, damped as much as the last one asked for (Nielsen's rule: Madsen, Nielsen & Tingleff, Methods
-    for Non-Linear Least Squares Problems, 2nd ed., 2004, Sec. 3.2). What the Hessian lacks (how foreseen variances
-    bend, how scales of noise follow) is learned from gradients on the way, and added as long as that foretells better
-    what a step gains (structured quasi-Newton: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7, 1981, Sec. 3 and 5).
+    Gauss-Newton steps, damped by Nielsen's rule (Madsen, Nielsen & Tingleff, Methods for Non-Linear Least Squares
+    Problems, 2nd ed., 2004, Sec. 3.2). Curvature that the Gauss-Newton Hessian lacks (of predicted variances and of
+    noise scales) is learned from gradients on the way, and added as long as it predicts better what a step gains
+    (structured quasi-Newton: Dennis, Gay & Welsch, ACM Trans. Math. Softw. 7, 1981, Sec. 3 and 5).
     """
     u = np.clip(start, low, high)
     here, lacking, free = curve(u), np.zeros((len(u), len(u))), np.ones(len(u), dtype=bool)
     damping, firmer, still, augmented = 0.0, 2.0, 0, False
     for _ in range(CAL.between_steps):
         B = here.H + lacking if augmented else here.H
-        if augmented and np.any(np.linalg.eigvalsh(B) <= 0):  # what was learned elsewhere does not hold here
+        if augmented and np.any(np.linalg.eigvalsh(B) <= 0):  # the learned curvature does not hold here
             B = here.H
         if _promises(here.g, B, least_within(B, here.g, low - u, high - u, free)) < settled:
-            break  # that is what is left to be gained
+            break  # an undamped step gains no more
         there, gained = u, 0.0
         while not gained > 0:
             step = least_within(B, here.g, low - u, high - u, free, damping)
@@ -346,7 +346,7 @@ def descended(
         augmented = abs(plain - 0.5 * value - gained) < abs(plain - gained)
         turned = then.g - here.g
         missed = turned - then.H @ step
-        if value != 0:  # what is learned fades where it does not hold
+        if value != 0:  # the learned curvature fades where it does not hold
             lacking *= min(1.0, abs(float(step @ missed) / value))
         bend = float(step @ turned)
         if bend > 0:
@@ -361,5 +361,5 @@ def descended(
 
 
 def _promises(g: Array, B: Array, step: Array) -> float:
-    """What a quadratic model gains by a step."""
+    """Reduction of the cost by a step that a quadratic model predicts."""
     return -float(step @ (g + 0.5 * B @ step))

@@ -1,4 +1,4 @@
-"""How far recordings from after are from what those from before foretell, and what of it a change closes."""
+"""How far recordings from after are from predictions by those from before, and how much of that a change closes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .innovations import FollowedRun
 
 
 def closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
-    """How far errors close with the vehicle's numbers as they stood before, and with those of `mean`."""
+    """How far errors close from the vehicle's numbers as they were before to those of `mean`."""
     weigher, sums = known.weigher, list[tuple[float, float, float]]()
     for ride in rides:
         first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
@@ -46,7 +46,7 @@ def budget_of(
     judged: Closure,
     held_out: bool,
 ) -> Budget | None:
-    """Shares of what is applied, one after the other; what is left of the gap is unexplained."""
+    """Shares of the applied effects, added one after the other; the rest of the gap is unexplained."""
     if not applied:
         return None
     low, high = judged.closed_interval
@@ -64,14 +64,14 @@ def budget_of(
 
 
 def loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
-    """How far off recordings from after are beside those from before, mean over channels."""
+    """Innovations of recordings from after over those from before, mean over channels, median over recordings."""
     result = [known.weigher.innovations(ride, base.x) for ride in rides]
     scales = [known.weigher.noise.scales(item) for item in result if item is not None]
     return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
 
 
 def channels_of(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
-    """Channel -> root mean square of innovations over what was expected, with the numbers from before."""
+    """Channel -> root mean square of innovations over their predicted size, with the numbers from before."""
     read = known.weigher.follower.read
     squares, count = np.zeros(len(read)), np.zeros(len(read))
     for ride in rides:

@@ -1,8 +1,7 @@
-"""What two columns say of the steering by themselves: the angle that was commanded, and the one that was measured.
+"""Changes of the steering that two columns show by themselves: the commanded angle and the measured one.
 
-Regressed on the commanded one, the measured angle tells the gain, the offset and the delay of what lies between them,
-without tyres, masses or a motion that tells little; what differs from before, beyond what recordings from before differ
-by, has changed.
+Regressed on the commanded one, the measured angle determines gain, offset and delay between them, without tyres, masses
+or a motion that informs little. A difference from before, beyond those between recordings from before, is a change.
 """
 
 from __future__ import annotations
@@ -19,27 +18,28 @@ from ...datasets.recording import Recording
 MEASURED = "steer_measured"
 EFFECTS = ("steering_ratio", "steering_offset", "steering_delay")
 LAGS = np.arange(-0.1, 0.5, 0.01)
-"""Of the measured angle behind the commanded one, that are tried, s."""
+"""Lags of the measured angle behind the commanded one that are tried, s."""
 BLOCKS = 12
-"""Parts of a recording, each left out once: what estimates differ by then is how well they are known (Quenouille's
+"""Parts of a recording, each left out once: the scatter of estimates then gives their uncertainty (Quenouille's
 jackknife of blocks, Künsch, Annals of Statistics 17, 1989)."""
 APART = 4.0
-"""Standard deviations from which on they differ: by chance one of three numbers is so far off in 5 000 comparisons."""
+"""Standard deviations beyond which there is a change: by chance, one of three numbers is so far off in 5 000
+comparisons."""
 LEAST = {"steering_ratio": 0.002, "steering_offset": 2e-4, "steering_delay": 0.002}
-"""Standard deviation between runs that is allowed for at least, relative of the ratio; rad; s: a step of a twelve-bit
-encoder over a steering range of 1 rad is 0.25 mrad, and a twentieth of a row of 25 Hz 2 ms."""
+"""Least standard deviation between runs that is assumed: of the ratio, relative; rad; s. A step of a twelve-bit encoder
+over a steering range of 1 rad is 0.25 mrad, and a twentieth of a row of 25 Hz 2 ms."""
 
 
 @dataclass(frozen=True)
 class ByColumns:
-    """A difference that the two columns tell.
+    """A change that the two columns show.
 
     Attributes
     ----------
     effect : name.
-    shift : by how much it differs from before; of a ratio, the logarithm.
-    sd : standard deviation of that, scatter between recordings from before included.
-    probability : that it is no chance.
+    shift : difference from before; of a ratio, of its logarithm.
+    sd : its standard deviation, scatter between recordings from before included.
+    probability : that it is not due to chance.
     """
 
     effect: str
@@ -49,7 +49,7 @@ class ByColumns:
 
 
 def told_by_columns(after: Sequence[Recording], since: Sequence[Recording]) -> tuple[ByColumns, ...]:
-    """What of the steering differs between recordings from before and after; nothing where one lacks a column."""
+    """Changes of the steering between recordings from before and after; none where one lacks a column."""
     if not all({"steer", MEASURED} <= item.signals.keys() for item in (*after, *since)):
         return ()
     before, then = ([_steering(item) for item in part] for part in (since, after))
@@ -66,7 +66,7 @@ def told_by_columns(after: Sequence[Recording], since: Sequence[Recording]) -> t
 
 
 def _mean(several: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Mean of estimates, and its standard deviation as far as they are uncertain themselves."""
+    """Mean of estimates, and its standard deviation by their own uncertainties."""
     values, sds = np.array(several).T
     return float(np.mean(values)), float(np.sqrt(np.sum(sds**2)) / len(sds))
 
@@ -109,7 +109,7 @@ def _best(sums: Array) -> tuple[float, float, float] | None:
     if not np.isfinite(left[k]) or not gain[k] > 0 or not variance[k] > 1e-8:
         return None
     lag = float(LAGS[k])
-    if 0 < k < len(LAGS) - 1:  # the parabola through the three least
+    if 0 < k < len(LAGS) - 1:  # the parabola through the three smallest
         bend = left[k - 1] - 2 * left[k] + left[k + 1]
         lag += float(0.5 * (LAGS[1] - LAGS[0]) * (left[k - 1] - left[k + 1]) / bend) if bend > 0 else 0.0
     return log(gain[k]), float((m[k] - gain[k] * c[k]) / n[k]), lag

@@ -1,13 +1,12 @@
-"""Recordings as innovations: what a filter that follows the vehicle did not foresee, and how that goes with numbers.
+"""Recordings as innovations: prediction errors of a filter that follows the vehicle, as a function of its numbers.
 
 A simulation of minutes spins where a car with half its grip is driven; a filter stays with the car. Beside the model's
 states it follows unknown forces on the axles and along the car (first-order Gauss-Markov processes, `unknown_forces`)
-and a slow error of every reading. Readings are taken a tenth of a second apart, so that what is foreseen is motion.
+and a slow error of every reading. Readings are taken a tenth of a second apart, so that predictions are about motion.
 
-FilterInnovations of one second are a block, distributed as a multivariate Student's t: a recording that is noisier than
-others costs the logarithm of that and no more, and neither does a moment in which something happened.
-Source: prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2; t-blocks, Lange, Little & Taylor, J. Am.
-Stat. Assoc. 84, 1989.
+Innovations of one second are a block, distributed as a multivariate Student's t: a recording that is noisier than
+others costs the logarithm of that and no more, and so does a moment in which something happened. Source: prediction
+errors, Ljung, System Identification, 2nd ed., Sec. 7.2; t-blocks, Lange, Little & Taylor, J. Am. Stat. Assoc. 84, 1989.
 """
 
 from __future__ import annotations
@@ -41,12 +40,12 @@ G = 9.81
 
 @dataclass(frozen=True)
 class FollowedRun:
-    """A recording as it is followed.
+    """A recording as it is filtered.
 
     Attributes
     ----------
-    recording : in motion, readings a while apart.
-    scatter, floors : reading -> standard deviation of what is faster than motion, and the least there can be.
+    recording : while in motion, its readings thinned.
+    scatter, floors : reading -> standard deviation of what is faster than motion, and its lower limit by resolution.
     """
 
     recording: Recording
@@ -55,7 +54,7 @@ class FollowedRun:
 
     @classmethod
     def of(cls, recording: Recording, read: Sequence[str], seconds: float = CAL.followed) -> FollowedRun:
-        """Keep what is in motion, of no more than so many seconds; of its readings, those that are far enough apart.
+        """The parts in motion, of at most `seconds` in all; of their readings, those that are far enough apart.
 
         Raises
         ------
@@ -84,14 +83,14 @@ class FollowedRun:
 
 @dataclass(frozen=True)
 class FilterInnovations:
-    """What was not foreseen, over what was expected of it, in B blocks of R rows of m readings.
+    """Innovations in B blocks of R rows of m readings.
 
     Attributes
     ----------
-    white : (B, R m) innovations over their standard deviations; zero where nothing was read.
-    there : (B, R m) whether something was.
+    white : (B, R m) innovations over their predicted standard deviations; zero where nothing was read.
+    there : (B, R m) whether something was read.
     spread : (B, R m) logarithms of the standard deviations; zero likewise.
-    runs : (B,) which unbroken run each block is of.
+    runs : (B,) index of the unbroken run of each block.
     """
 
     white: Array
@@ -102,14 +101,14 @@ class FilterInnovations:
 
 @dataclass(frozen=True)
 class InnovationNoise:
-    """How innovations are distributed.
+    """Distribution of innovations.
 
     Attributes
     ----------
     root : (R m, R m) lower triangular root of a block's covariance.
     channels : m.
     degrees : of freedom of Student's t.
-    temper : as how many blocks one counts, for they are alike from one to the next.
+    temper : how many independent blocks one counts as, for neighbours are correlated.
     """
 
     root: Array
@@ -122,15 +121,15 @@ class InnovationNoise:
 
         Parameters
         ----------
-        scales : (channels,) standard deviations over what is expected.
+        scales : (channels,) standard deviations over predicted ones.
         """
         scaled = filter_innovations.white / np.tile(scales, filter_innovations.white.shape[1] // self.channels)
         return np.where(filter_innovations.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
 
     def scales(self, filter_innovations: FilterInnovations) -> Array:
-        """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own.
+        """(channels,) most likely standard deviations over predicted ones; bounded below, as sensors do not improve.
 
-        Nothing less than the minimum will do: only there do derivatives of the cost not depend on them.
+        They must be at the minimum of the cost: only there do derivatives of the cost not depend on them.
         """
         columns = np.arange(filter_innovations.white.shape[1]) % self.channels
         parts = [np.where(columns == c, filter_innovations.white, 0.0) for c in range(self.channels)]
@@ -165,7 +164,7 @@ class InnovationNoise:
         return self.temper * (blocks + louder + float(np.sum(filter_innovations.spread)))
 
     def weights(self, filter_innovations: FilterInnovations, white: Array) -> Array:
-        """(B,) what squares of whitened innovations count."""
+        """(B,) weights of the squares of whitened innovations."""
         degrees = self.degrees + np.sum(filter_innovations.there, axis=1)
         return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
@@ -174,14 +173,14 @@ class InnovationNoise:
 
 
 def plain_noise(size: int, channels: int) -> InnovationNoise:
-    """As filters expect it."""
+    """The distribution that the filter itself predicts."""
     return InnovationNoise(np.eye(size), channels, CAL.block_degrees, 1.0)
 
 
 def noise_of(filter_innovationses: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
-    """How the innovations of rides are distributed.
+    """Distribution of the innovations of rides.
 
-    Their covariance is that of a stationary series, into which each ride counts over its scales.
+    Their covariance is that of a stationary series, to which each ride contributes relative to its scales.
     """
     size = filter_innovationses[0].white.shape[1]
     rows = size // channels
@@ -210,13 +209,13 @@ class Follower:
 
     Parameters
     ----------
-    model : equations of motion with all effects that are asked for.
+    model : equations of motion with all effects that may change.
     read : outputs that are read.
 
     Attributes
     ----------
     p : (parameters,) the model's numbers and sizes of noise.
-    size : readings of a block.
+    size : readings in a block.
     """
 
     def __init__(self, model: MotionModel, read: Sequence[str]) -> None:
@@ -233,7 +232,7 @@ class Follower:
         self._laid: dict[tuple[int, tuple[float, ...]], list[LaidRun]] = {}
 
     def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
-        """Sizes of noise that make all rides together most probable with these numbers."""
+        """Find the sizes of noise that make all rides together most probable, given these numbers."""
         scatter, floors = (
             {name: float(np.median([getattr(ride, kind)[name] for ride in rides])) for name in self.read}
             for kind in ("scatter", "floors")
@@ -250,20 +249,20 @@ class Follower:
             p[self.model.size + self.space.noises.index(name)] = seconds
         open_ones = [name for name in levels.open if name not in memories]
         coordinates = noise_coordinates(self._filter, p, open_ones, floors)
-        if len(self.p):  # from where they were found before
+        if len(self.p):  # from earlier estimates
             p[self.model.size :] = self.p[self.model.size :]
         result = tuned(self._filter, runs, p, coordinates, [])
         self.p = np.concatenate([self.model.values, result.p[self.model.size :]])
 
     def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
-        """What the filter did not foresee with these numbers of the model; None where it diverges at once.
+        """Innovations with these numbers of the model; None where the filter diverges at once.
 
-        Where it diverges later, readings are far off: no number is the better for losing the vehicle.
+        Where it diverges later, innovations are set to a large value, so that no number gains by losing the vehicle.
         """
         return self.beside(ride, [values])[0]
 
     def beside(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
-        """The same with several numbers each, in filters side by side where delays are alike."""
+        """The same for several sets of numbers, filtered side by side where their delays are alike."""
         p = np.array([np.concatenate([self._numbers(values), self.p[self.model.size :]]) for values in tried])
         laid_out = [self._runs(ride, item) for item in p]
         result: list[FilterInnovations | None] = [None] * len(p)
@@ -281,13 +280,13 @@ class Follower:
         result, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
         for number, (run, both) in enumerate(zip(runs, parts, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(run.run.measured[:, columns]), axis=1))
-            rows = rows[run.run.time[rows] > run.run.time[0] + latest]  # the others start it
+            rows = rows[run.run.time[rows] > run.run.time[0] + latest]  # earlier ones initialise the filter
             taken = run.read_segment[rows][:, columns]
             off, variance = (each[:, taken, columns] for each in both)
             read = np.isfinite(run.run.measured[rows][:, columns]) & (taken >= 0)
             blocks = -(-len(rows) // size)
             beyond = blocks * size - len(rows)
-            with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
+            with np.errstate(invalid="ignore", divide="ignore"):  # where a filter diverges
                 each = np.where(read, [off / np.sqrt(variance), 0.5 * np.log(variance)], 0.0)
             each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0))).reshape(2, filters, blocks, size * len(columns))
             result.append(each)

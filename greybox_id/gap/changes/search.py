@@ -1,8 +1,8 @@
 """Which number of a vehicle differs beyond its scatter: each that may change is tried, and recordings decide.
 
-An effect is one of these numbers with its prior widened. Its gain is the difference of two evidences, by Laplace's
-approximation. Recordings that chose nothing, or halves of those that did, decide: the magnitude held, everything else
-as it is believed of any run.
+An effect is one of these numbers with its prior widened. Its gain is the difference of two log evidences, by Laplace's
+approximation. Recordings that chose nothing, or halves of those that did, decide: with the magnitude held, and all else
+under the prior of any run.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ class Promised:
 
     Attributes
     ----------
-    place : of its number.
-    covariance : of what is believed, with its prior widened.
+    place : index of its number.
+    covariance : prior covariance of all numbers, widened for this one.
     starts : where refits begin.
-    gain : promised, in log-likelihood.
+    gain : expected, in log-likelihood.
     """
 
     place: int
@@ -42,12 +42,12 @@ class Change:
 
     Attributes
     ----------
-    place : of its number.
-    shift : how far it moved beyond scatter, in its coordinate, and the standard deviation of that.
-    gain, held_out : difference of evidences where it was chosen, and of log-likelihoods where it was not.
-    apart : whether the latter is of other recordings, and no part of what chose it.
-    beyond : how far it moved, over what a change may be.
-    cost : what it must gain of all recordings.
+    place : index of its number.
+    shift : its change beyond scatter, in its coordinate, and the standard deviation of that.
+    gain, held_out : log evidence gained where it was chosen, log-likelihood gained where it was judged.
+    apart : whether it was judged on other recordings than it was chosen on.
+    beyond : size of the change, over the width of what a change may be.
+    cost : log evidence that it must gain on all recordings.
     """
 
     place: int
@@ -60,12 +60,12 @@ class Change:
 
     @property
     def total(self) -> float:
-        """Evidence of all recordings: what one foretells of another multiplies its odds."""
+        """Log evidence of all recordings: that of separate ones adds up."""
         return self.gain + (self.held_out if self.apart else 0.0)
 
     @property
     def least(self) -> float:
-        """Evidence over what is asked of it: of all recordings, where chosen, and where not; the least."""
+        """Least margin of its gains over those required: of all recordings, where chosen, and where judged."""
         if self.beyond > CAL.reach_sd:
             return -np.inf
         return min(self.total - self.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
@@ -79,14 +79,14 @@ def changes(
     nameless: Sequence[str] = (),
     cost: float = CAL.cost_changed,
 ) -> tuple[RunExplained, list[Change]]:
-    """What recordings from after are without a change, and with each of those that promise most; best first.
+    """Explanations of recordings from after without a change, and with each of the most promising ones; best first.
 
     Parameters
     ----------
     known : of the recordings from before.
-    rides : choose the magnitude.
-    others : decide; where there are none,
-    halves : of `rides`, of which each decides on what the other one chose.
+    rides : on which magnitudes are chosen.
+    others : on which changes are judged; if there are none,
+    halves : of `rides`, each of which judges what the other one chose.
     nameless : numbers that may differ between runs and are no change.
     cost : what a change must gain.
     """
@@ -104,7 +104,7 @@ def changes(
     promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda item: -item.gain)
     tried = [item for k, item in enumerate(promised[: CAL.changed_refitted]) if k == 0 or item.gain > CAL.changed_least]
     refits = [(item, *_refitted(known, rides, item, moved)) for item in tried]
-    if refits:  # what is compared must have had the same chance
+    if refits:  # both sides of the comparison must have had the same starts
         nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
         again = without(rides, known.x, nearest.x)
         if again.cost < base.cost:
@@ -124,7 +124,7 @@ def changes(
             mean = known.x.copy()
             mean[item.place] += by
             there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
-            if there.cost > least:  # either may have got stuck where it began
+            if there.cost > least:  # either may be in a local optimum
                 there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
             elif least - there.cost > CAL.cost_held_out:
                 least = min(least, without(judge, known.x, there.x).cost)
@@ -142,7 +142,7 @@ def _refitted(
     moved: Sequence[int],
     result: Sequence[RunExplained] = (),
 ) -> tuple[RunExplained, float]:
-    """The best explanation with a prior widened, and how far its number is off beyond scatter; of these found too."""
+    """The best explanation with the prior widened, or one of `result`, and the change of its number beyond scatter."""
     weigher, V = known.weigher, known.of_a_run
     tried = [explained(weigher, rides, x, known.x, promised.covariance, moved) for x in promised.starts]
     best = min([*result, *tried], key=lambda one: one.cost)
@@ -151,7 +151,7 @@ def _refitted(
 
 
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
-    """What an effect promises: where the base has it already, by a step from there, and by magnitudes tried."""
+    """An effect's expected gain: from the base, a Gauss-Newton step from there, and magnitudes that are tried."""
     number, V = known.numbers[place], known.of_a_run
     width = number.change
     wide = V.copy()
@@ -164,7 +164,7 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
 
     g = base.pull + precision @ (base.x - known.x)
     tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
-    for others in (base.x, known.x):  # the base has bent others in its place
+    for others in (base.x, known.x):  # in the base, other numbers may have absorbed the change
         for reach in CAL.changed_starts:
             x = others.copy()
             x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)

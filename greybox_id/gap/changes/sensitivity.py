@@ -1,4 +1,4 @@
-"""What a change would have to be to show on a recording like those there are: asked before anything is driven."""
+"""Detection limits of changes on a recording like those at hand, before anything further is driven."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from .innovations import FollowedRun
 
 @dataclass(frozen=True)
 class Visible:
-    """From which size on a change would show.
+    """Detection limit of a change.
 
     Attributes
     ----------
     effect : name.
-    size : distance from what is usual, in the effect's unit; relative where it is a factor. Infinite where none that
-        an effect of its kind has would show.
-    scatter, told : standard deviations of its two parts: how runs differ to which nothing is done, and how well one
-        recording tells it.
+    size : least detectable distance from the usual value, in the effect's unit; relative where it is a factor. Infinite
+        if larger than such changes are.
+    scatter, told : its two parts, standard deviations: scatter between runs to which nothing is done, and uncertainty
+        of the estimate from one recording.
     usual : of a factor, the mean of the runs; else its magnitude.
     factor : whether it is one.
     unit : of the effect.
@@ -41,15 +41,15 @@ class Visible:
 def visible(
     known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str], units: Mapping[str, str], cost: float
 ) -> tuple[Visible, ...]:
-    """What would show on one further recording like these, smallest share of what may change first.
+    """Detection limits on one further recording like these, smallest share of a usual change first.
 
-    A change of c sd gains c^2 / 2 nats, less Occam's factor for a prior as wide as changes are; it shows from where
-    that is what a change must gain (`search.Change`).
+    A change of c sd gains c^2 / 2 nats, less Occam's factor for a prior as wide as changes are; it is detected from
+    where that is what a change must gain (`search.Change`).
 
     Parameters
     ----------
     known : of the recordings from before.
-    rides : those, of which each stands for one that is to come.
+    rides : these recordings, each of which stands for a further one.
     effects, units : number of the model -> effect; effect -> unit.
     cost : what a change must gain, in nats.
     """

@@ -1,4 +1,4 @@
-"""What is usual for a vehicle: its numbers, which of them scatter between runs, and how much, learned from runs."""
+"""What is usual for a vehicle: its numbers, which of them differ between runs, and how much, estimated from runs."""
 
 from __future__ import annotations
 
@@ -26,33 +26,34 @@ USUAL: dict[str, float] = {
     if field.name.startswith("scatter_")
 }
 """Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done; of a lever
-arm, over the wheelbase. Only these may be named as changed."""
+arm, over the wheelbase. Only these effects may be named as changed."""
 GAINS = ("yaw_rate_scale",)
-"""Of these, gains of sensors, which filters take from as well."""
+"""Of these, gains of sensors, which filters reduce as well."""
 LEVER_ARM = "velocity_lever_arm"
-"""Of these, where speed is measured: files seldom state it."""
+"""Of these, the place where speed is measured: files seldom state it."""
 LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
-"""Of these, how late sensors read."""
+"""Of these, latencies of sensors."""
 SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
-"""Of these, what is specified of sensors: it hardly differs from run to run, and is not learned."""
+"""Of these, what data sheets of sensors specify: it hardly differs from run to run, and its scatter is not
+estimated."""
 TIMED = ("steering_delay",)
-"""Of these, delays: with that of the clocks of commands and readings, which may be below zero."""
+"""Of these, delays: they include that between the clocks of commands and readings, and may be negative."""
 
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
-    """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads.
+    """Whether an effect acts on outputs that are read: one of a sensor needs all that the sensor reads.
 
     A number of the model's equations that bears an effect's name is that effect.
     """
     name, whole = effect.parameter.name, {*effect.touches} <= {*read}
-    together = name in LATENCIES and "v_y" in read  # poses, inertial navigation: the yaw rate is not late alone
+    together = name in LATENCIES and "v_y" in read  # from poses or inertial navigation: the yaw rate is not late alone
     return (effect.concerns(model) or name in model) and (name not in SPECIFIED or whole) and not together
 
 
 def numbers_of(
     model: MotionModel, value: Mapping[str, Effect], vehicle: Vehicle
 ) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
-    """The model with all that may change, and the numbers that are searched."""
+    """The model with all effects that may change, and the numbers that are searched."""
     result = list[VaryingNumber]()
     for name, stated in vehicle.values.items():
         if stated.sd is not None and name in model and model[name].shape == ():
@@ -69,12 +70,12 @@ def numbers_of(
         else:
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
-        of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks move either, but a latency from run to run
+        of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks shift delays and latencies alike
         wide, change = CAL.filtered if name in GAINS else CAL.nominal * of, CAL.widened * of
-        if name == LEVER_ARM:  # it stays where it is, but who mounts it anew may do so anywhere
+        if name == LEVER_ARM:  # a sensor stays where it is, but may be remounted anywhere
             change = CAL.of_wheelbase * wheelbase
             wide = change if mean == null else wide
-        if effect.group == "tyres" and tyres:  # the tyres' own numbers are the mean of that
+        if effect.group == "tyres" and tyres:  # the tyres' parameters already hold its mean
             wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
         one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
@@ -86,9 +87,9 @@ def numbers_of(
 
 
 def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> float:
-    """Share of seconds at whose steering angle and speed the others were driven as well, of either part; the least.
+    """Share of seconds whose steering angle and speed occur in the other part, too; the smaller one of both parts.
 
-    What is usual is learned where recordings from before were driven: elsewhere equations err by something else.
+    What is usual is learned where recordings from before were driven: elsewhere model errors differ.
     """
     value, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
     if not len(value) or not len(known):
@@ -99,11 +100,11 @@ def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> 
 
 
 FAST = 95.0
-"""Percentile of speed and of lateral acceleration that is told of how hard recordings are driven."""
+"""Percentile of speed and of lateral acceleration by which a sentence describes how hard recordings are driven."""
 
 
 def driven_elsewhere(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> str:
-    """How hard recordings are driven beside those from before, in a sentence."""
+    """How hard recordings are driven compared with those from before, in a sentence."""
     (v, a), (w, b) = ((_percentile(part, _speed), _percentile(part, _turning)) for part in (rides, since))
     return (
         f"The recordings to be examined reach a speed of {number(v, 2)} m/s and a lateral acceleration of "
@@ -136,14 +137,14 @@ def _seconds(ride: FollowedRun) -> Array:
     )
     rows = max(1, round(CAL.block / recording.sample_time))
     parts = [columns[at : at + rows] for start, stop in recording.runs for at in range(start, stop - rows + 1, rows)]
-    read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are a while apart
+    read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are `CAL.apart` apart
     return np.array([np.nanmean(part, axis=0) for part in read]).reshape(-1, 2)
 
 
 def _number(
     name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
 ) -> VaryingNumber:
-    """A number, searched as its logarithm where it is a factor, or above zero and stated."""
+    """A number, searched as its logarithm if it is a factor, or stated and positive."""
     low, high = (float(np.asarray(end)) for end in bounds)
     if (mean > 0 and factor is None) or factor:
         relative = sd / mean
@@ -164,11 +165,11 @@ def usual(
 
     Parameters
     ----------
-    follower : of the model.
+    follower : the filter of the model.
     numbers : that are searched.
     rides : from before.
-    tell : told of progress.
-    filters : name -> standard deviation between runs that have passed other filters.
+    tell : receives lines of progress.
+    filters : name -> standard deviation between runs that have passed different filters.
     """
     known = tuple(numbers)
     tell(f"estimating the usual values of effects from {the_recordings([one.recording.name for one in rides])}")
@@ -177,7 +178,7 @@ def usual(
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    result = common(weigher, rides, scatter, belief, settled=CAL.enough)  # tells sizes of noise, and no more
+    result = common(weigher, rides, scatter, belief, settled=CAL.enough)  # only for sizes of noise
     follower.tune(rides, values_of(known, result.x))
     innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, result.x + result.deviations, strict=True)]
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
@@ -188,7 +189,7 @@ def usual(
 
 
 def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
-    """As how many blocks one counts: the variance of their pulls at the numbers, over that of sums of neighbours."""
+    """How many independent blocks one counts as: variance of their gradients over that of sums of neighbours."""
     together = round(CAL.together)
     single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
     for ride, deviation in zip(rides, known.deviations, strict=True):

@@ -1,9 +1,9 @@
-"""What changed between recordings of one vehicle: its own recordings from before say what is usual.
+"""What changed between recordings of one vehicle: its own recordings from before define what is usual.
 
-Recordings from before are explained together: numbers of the vehicle, and a few that may differ between runs (grip,
-stiffnesses, steering ratio, offset, delay and lag) with a scatter that is learned (`between_runs`). Error of form that
-is common to all of them is in the vehicle's numbers and in how innovations are distributed (`innovations`). The
-recording from after is explained by the same; an effect is one of these numbers beyond its scatter (`change_search`).
+Recordings from before are explained together: by numbers of the vehicle, some of which may differ between runs (grip,
+stiffnesses, steering ratio, offset, delay and lag) with a scatter that is estimated (`between_runs`). Model error that
+is common to all of them is absorbed by the vehicle's numbers and by the distribution of innovations (`innovations`).
+The recording from after is explained by the same; an effect is one of these numbers beyond its scatter (`search`).
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ class Changed:
     scatter : effect -> (mean, standard deviation) between runs; the latter relative where the effect is a factor.
     since : names of the recordings from before.
     drift : sentences on what drifts over the recordings from before, in their order.
-    sds : effect -> standard deviation of its change, scatter between runs included; infinite where a change
-        as large as they usually are would not show.
+    sds : effect -> standard deviation of its change, scatter between runs included; infinite where a change of usual
+        size would not be detected.
     """
 
     gap: Gap
@@ -76,12 +76,12 @@ class Changed:
 
     @property
     def not_changed(self) -> list[dict[str, Any]]:
-        """Effects that did not, with twice the standard deviation of that; none that is doubtful or does not show."""
+        """Effects that did not change, within twice the standard deviation; without doubtful and undetectable ones."""
         return [{"effect": name, "within": 2 * self.sds[name]} for name in self._still if isfinite(self.sds[name])]
 
     @property
     def not_seen(self) -> list[str]:
-        """Effects of which the recordings do not say whether they changed."""
+        """Effects whose change these recordings could not show."""
         return [name for name in self._still if not isfinite(self.sds[name])]
 
     @property
@@ -90,7 +90,7 @@ class Changed:
         return [name for name in self.sds if name not in self.gap.applied and name not in doubted]
 
     def to_json(self) -> dict[str, Any]:
-        """That of the gap, and what changed."""
+        """The gap as plain data, and what changed."""
         scatter = {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.scatter.items()}
         more = {
             "since": list(self.since), "scatter": scatter, "drift": list(self.drift), "changed": self.changed,
@@ -117,15 +117,15 @@ def diagnose_change(
     model : equations of motion at nominal values.
     after, since : recordings after and before something may have changed.
     effects : what may have changed, by name; of these, those of `USUAL`.
-    vehicle : what is stated of it.
-    held_out : further recordings from after, which choose nothing; none: halves of those from after choose for each
-        other.
-    say : told of progress.
+    vehicle : its stated parameters.
+    held_out : further recordings from after, which choose nothing; without any, each half of those from after judges
+        the choice of the other.
+    say : receives lines of progress.
 
     Raises
     ------
-    BadInput : there is no recording from before, or it is one from after; nothing is stated of the vehicle, or the
-        model is none of motion.
+    BadInput : there is no recording from before, or it is one from after; no vehicle is stated, or the model is none of
+        motion.
     """
     tell = say or (lambda line, **_: None)
     model, vehicle, read, value = _begun(model, [*after, *held_out], since, effects, vehicle)
@@ -137,14 +137,14 @@ def diagnose_change(
         driven = driven_alike([*rides, *others], before) > CAL.driven
         nameless = () if filtered and driven else GAINS
         known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
-        if not driven:  # errors of form do not cancel
+        if not driven:  # model-form errors do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
         direct = by_place(known, value, told_by_columns([*after, *held_out], since))
         moved = known.x.copy()
-        for place, one in direct.items():  # whatever else changed is told beside what two columns tell
+        for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
         base, result = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
         elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
@@ -163,7 +163,7 @@ def visible_changes(
     vehicle: Vehicle | None,
     say: Callable[..., None] | None = None,
 ) -> tuple[Visible, ...]:
-    """From which size on a change would show on one further recording like those from before.
+    """Detection limits of changes on one further recording like those from before.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def visible_changes(
 
 
 def seconds_followed(model: MotionModel) -> float:
-    """Of a recording that are followed at most: a filter of one state takes a ninth of the time of one of three."""
+    """Longest part of a recording that is filtered, s: a filter of one state takes a ninth of one of three."""
     return CAL.followed * (3 // len(model.states)) ** 2
 
 
@@ -195,7 +195,7 @@ def _begun(
     effects: Mapping[str, Effect],
     vehicle: Vehicle | None,
 ) -> tuple[MotionModel, Vehicle, tuple[str, ...], dict[str, Effect]]:
-    """Model and vehicle, what all recordings read, and the effects that may have changed and act on that."""
+    """Model, vehicle, outputs that all recordings hold, and the effects that may have changed and act on these."""
     if not since:
         raise BadInput("Since when? Name recordings from before the change.")
     if vehicle is None:
@@ -237,8 +237,9 @@ def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str,
 
 
 def filtered_alike(recordings: Sequence[Recording]) -> bool:
-    """Whether recordings have passed like filters, as far as their rates tell: slower ones have lost peaks, which is as
-    good as a sensor's gain.
+    """Whether recordings have passed similar filters, as far as their rates show.
+
+    Slower ones have lost peaks, which looks like a sensor's gain.
     """
     steps = [one.sample_time for one in recordings if one.sample_time > 0]
     return not steps or max(steps) < CAL.rates * min(steps)
@@ -258,7 +259,7 @@ def _answer(
     since: Sequence[Recording],
     direct: Mapping[int, ByColumns],
 ) -> Changed:
-    """What is said of all that was found; direct: what two columns tell by themselves."""
+    """The answer from all estimates; `direct` are the changes that two columns show by themselves."""
     effects = {effect.parameter.name: name for name, effect in value.items()}
     names = {place: effects[number.name] for place, number in enumerate(known.numbers) if number.name in effects}
     recordings = [tuple(one.name for one in part) for part in (after, held_out or after)]
@@ -345,7 +346,7 @@ def _answer(
 def _before(
     vehicle: Vehicle, value: Mapping[str, Effect], known: Common
 ) -> tuple[Vehicle, dict[str, tuple[float, float]]]:
-    """The vehicle as it was, with what its recordings told of it; effect -> its magnitude and scatter between runs."""
+    """The vehicle as it was, as its recordings estimate it; effect -> its magnitude and scatter between runs."""
     values = values_of(known.numbers, known.x)
     sds = np.sqrt(np.diag(known.covariance))
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
@@ -365,10 +366,10 @@ def _before(
 def _sds(
     known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str], applied: Sequence[int]
 ) -> dict[str, float]:
-    """Effect -> standard deviation with which recordings tell its change, the scatter between runs included.
+    """Effect -> standard deviation of its change on these recordings, the scatter between runs included.
 
-    All other numbers are as they are believed of any run, but those that changed are free. Infinite where it exceeds
-    what changes usually are.
+    All other numbers have their prior for a run, but those that changed are free. Infinite where it exceeds the usual
+    size of changes.
     """
     L, V = np.sum([known.weigher.told(ride, known.x).H for ride in rides], axis=0), known.of_a_run.copy()
     V[applied, applied] += np.array([known.numbers[place].change for place in applied]) ** 2
@@ -378,21 +379,21 @@ def _sds(
         wide = V.copy()
         wide[place, place] += number.change**2
         left = float(np.linalg.inv(np.linalg.inv(wide) + L)[place, place])
-        alone = 1.0 / max(1.0 / left - 1.0 / wide[place, place], 1e-12)  # of the readings, without the belief
+        alone = 1.0 / max(1.0 / left - 1.0 / wide[place, place], 1e-12)  # of the readings, without the prior
         sd = float(np.hypot(np.sqrt(alone), known.scatter[place]))
         result[effects[number.name]] = sd if sd < number.change else inf
     return result
 
 
 def by_place(known: Common, value: Mapping[str, Effect], by_columnses: Sequence[ByColumns]) -> dict[int, ByColumns]:
-    """What two columns tell, by the place of the number that it is of."""
+    """Changes that two columns show, by the index of their number."""
     places = {number.name: place for place, number in enumerate(known.numbers)}
     return {places[value[one.effect].parameter.name]: one for one in by_columnses
             if one.effect in value and value[one.effect].parameter.name in places}  # fmt: skip
 
 
 def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
-    """The model with the vehicle's numbers there."""
+    """The model with the vehicle's numbers at coordinates x."""
     values = values_of(known.numbers, x)
     result = model
     for name, effect in entry.items():
@@ -405,13 +406,13 @@ def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x:
 
 
 def _within(effect: Effect, value: float) -> float:
-    """A magnitude within an effect's bounds: clocks may differ by less than nothing, a model is not late by that."""
+    """A magnitude within an effect's bounds: a delay between clocks may be negative, that of a model may not."""
     low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
     return min(max(value, low), high)
 
 
 def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:
-    """What goes one way over recordings from before, in the order in which they were named: a battery that empties."""
+    """Sentences on numbers that drift over recordings from before, in their order, as with a draining battery."""
     runs = len(known.deviations)
     if runs < 3:
         return ()
