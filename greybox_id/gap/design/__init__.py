@@ -1,1 +1,1 @@
-"""Manoeuvres that tell more: what to drive so that parameters are precise, or so that explanations are told apart."""
+"""Design of manoeuvres: what to drive so that parameters become precise, or explanations distinguishable."""

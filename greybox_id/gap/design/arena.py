@@ -1,4 +1,4 @@
-"""Where a manoeuvre has to take place: a straight, a disc, or the outline of a free area."""
+"""The area of a manoeuvre: a straight, a disc, or the outline of a free area."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ...base.shorthands import Array
 
 WORDS = "straight:LENGTHxWIDTH, disc:RADIUS (in m), or a .csv file with columns x and y, the outline of a free area"
 SMALLEST, LARGEST = 0.1, 1e5
-"""Sizes of arenas, m, that are none."""
+"""Least and greatest size of an arena, m."""
 TURNS = 24
-"""Headings in which a path is laid into an outline."""
+"""Headings that are tried for a path in an outline."""
 _STRAIGHT = re.compile(r"straight:([0-9.eE+]+)x([0-9.eE+]+)")
 _DISC = re.compile(r"disc:([0-9.eE+]+)")
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How a path that begins at the origin along x lies in an arena.
+    """Placement in an arena of a path that begins at the origin along x.
 
     Attributes
     ----------
-    x, y, yaw : where it begins, m and rad, in the arena's own axes.
-    outside : m by which the path leaves the arena; negative where so much room is left.
+    x, y, yaw : of its beginning, m and rad, in the arena's own axes.
+    outside : m by which the path leaves the arena; negative: the room left.
     """
 
     x: float
@@ -43,7 +43,7 @@ class Placement:
 
 
 NOWHERE = Placement(0.0, 0.0, 0.0, np.inf)
-"""That of what fits nowhere."""
+"""Placement of a path that fits nowhere."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Arena:
 
     Attributes
     ----------
-    words : as it was asked for.
+    words : as the user described it.
     outline : (n, 2) corners, m, of a convex or concave area.
     radius : of a disc, m; 0 of any other.
     """
@@ -79,13 +79,13 @@ class Arena:
         return 2.0 * max(float(np.max(-_outside(self.outline, grid))), 0.0)
 
     def outside(self, x: Array, y: Array) -> float:
-        """By how much points in its own axes lie outside, m; negative where so much room is left."""
+        """By how much points in its own axes lie outside, m; negative: the room left."""
         if self.radius:
             return float(np.max(np.hypot(x, y)) - self.radius)
         return float(np.max(_outside(self.outline, np.column_stack([x, y]))))
 
     def place(self, x: Array, y: Array) -> Placement:
-        """The way to lay a path into it that leaves most room.
+        """The placement of a path that leaves most room.
 
         Parameters
         ----------
@@ -123,11 +123,11 @@ class Arena:
 
 
 def arena(words: str) -> Arena:
-    """The arena that words or a file describe.
+    """The arena that a description or a file defines.
 
     Raises
     ------
-    BadInput : they describe none.
+    BadInput : it defines none.
     """
     if result := _STRAIGHT.fullmatch(words):
         length, width = (_size(words, part) for part in result.groups())
@@ -193,7 +193,7 @@ def _outside(outline: Array, points: Array) -> Array:
 
 
 def _hull(points: Array) -> Array:
-    """The points' convex hull, for outlines that are convex; few points of the path as well, for those that are not."""
+    """The points' convex hull, for convex outlines, and a few points of the path, for others."""
     from scipy.spatial import ConvexHull, QhullError
 
     some = points[:: max(1, len(points) // 200)]

@@ -1,4 +1,4 @@
-"""CMA-ES, by which the best plans are refined."""
+"""CMA-ES, which refines the best plans."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ...base.shorthands import Array
 
 
 class CMA:
-    """CMA-ES, asked for points and told what they cost (Hansen, The CMA Evolution Strategy, 2016, arXiv:1604.00772).
+    """CMA-ES by ask and tell (Hansen, The CMA Evolution Strategy, 2016, arXiv:1604.00772).
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class CMA:
         self.C, self.p_c, self.p_s = np.eye(n), np.zeros(n), np.zeros(n)
 
     def ask(self) -> Array:
-        """(lambda, n) points; the first of all is the start."""
+        """(lambda, n) points to evaluate; the very first one is the start."""
         value, self.B = np.linalg.eigh(self.C)
         self.D = np.sqrt(np.maximum(value, 1e-14))
         z = self.rng.standard_normal((self.count, len(self.mean)))
@@ -39,7 +39,7 @@ class CMA:
         return np.asarray(self.mean + self.step * self.moved)
 
     def tell(self, costs: Sequence[float]) -> None:
-        """What each of the points costs that were asked for."""
+        """Update by the costs of these points."""
         n, effective, weights = len(self.mean), self.effective, self.weights
         c_c = (4 + effective / n) / (n + 4 + 2 * effective / n)
         c_s = (effective + 2) / (n + effective + 5)

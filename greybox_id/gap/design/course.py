@@ -1,4 +1,4 @@
-"""What plans lead to: motion, path, use of the tyres, for one set of parameters or many."""
+"""Simulation of plans: motion, path and use of the tyres, for one set of parameters or many."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ AT = {name: k for k, name in enumerate(TOLD)}
 
 @dataclass(frozen=True)
 class PlannedMotion:
-    """A plan as it goes with the nominal parameters.
+    """A plan with its motion under the nominal parameters.
 
     Attributes
     ----------
     time : (n,) s.
     steer, drive : (n,) commands, rad and the drive signal's unit.
-    motion : (n, told) see `driver.TOLD`.
-    phase : (n,) number of the phase.
+    motion : (n, outputs) see `driver.TOLD`.
+    phase : (n,) index of the phase.
     """
 
     time: Array
@@ -47,10 +47,10 @@ class PlanCourse:
 
     Parameters
     ----------
-    model : at the values that are nominal.
+    model : at its nominal values.
     driver : of it.
     rate : rows a second.
-    slowest : m/s, lowest speed of plans: how short steps of the integration must be.
+    slowest : m/s, lowest speed of plans, which determines the integration step.
     """
 
     def __init__(self, model: MotionModel, driver: PlanDriver, rate: float, slowest: float) -> None:
@@ -67,7 +67,7 @@ class PlanCourse:
         self.longest = longest_segment(self.simulator.trace, [still], self.model.values)
 
     def references(self, plans: Sequence[AskedDrive]) -> list[PlannedMotion]:
-        """Plans as they go with the nominal parameters, several at once; the speed is kept, the path is what it is."""
+        """Motions of plans with the nominal parameters, several at once; the driver keeps only the speed."""
         u = [
             np.column_stack([plan.steer, self._forward(plan), plan.speed, *[np.zeros(len(plan.time))] * 3])
             for plan in plans
@@ -80,7 +80,7 @@ class PlanCourse:
         ]
 
     def driven(self, plan: PlannedMotion, P: Array, *, follow: bool) -> Array:
-        """(K, n, told) motion with each of (K, parameters) of the undriven model, by a driver or with none at all."""
+        """(K, n, outputs) motion with each of (K, parameters) of the undriven model, with or without a driver."""
         P = np.atleast_2d(P)
         u = np.column_stack([plan.steer, plan.drive, *(plan.of(name) for name in ("v_x", "x", "y", "yaw"))])
         of_driver = np.tile(self.model.values[P.shape[1] :], (len(P), 1))
@@ -88,7 +88,7 @@ class PlanCourse:
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
     def _forward(self, asked_drive: AskedDrive) -> Array:
-        """The drive signal that would keep the wanted speed on a straight."""
+        """Drive signal that keeps the planned speed on a straight."""
         c_0, c_1, c_2 = self.resistance
         v = asked_drive.speed
         force = self.driver.mass * np.gradient(v, asked_drive.time) + c_0 + c_1 * v + c_2 * v**2
@@ -107,7 +107,7 @@ class PlanCourse:
         return MotionRun("plan", time, inputs, held, measured, range(len(time)))
 
     def _simulated(self, times: Sequence[Array], inputs: Sequence[Array], P: Array) -> list[Array]:
-        """(n, told) of each run; its parameters are a row of P, or the only one."""
+        """(n, outputs) of each run; its parameters are a row of P, or the only one."""
         P = np.broadcast_to(P, (len(inputs), P.shape[1]))
         order = [self.model.inputs.index(name) for name in ("steer", "drive", *PLANNED)]
         runs = []
@@ -135,7 +135,7 @@ class PlanCourse:
 
 
 def strain(motion: Array, limits: DriveLimits) -> dict[str, Array]:
-    """How close (K, n, told) motions come to limits; (K,) of each, over one beyond it.
+    """Use of limits by (K, n, outputs) motions, (K,) for each limit; above one it is broken.
 
     Largest use of an axle's friction over the share that may be used, sideslip and speed over their limits; infinite
     where a motion is not finite.
@@ -146,7 +146,7 @@ def strain(motion: Array, limits: DriveLimits) -> dict[str, Array]:
             np.array([y[..., AT[f"{force}{axle}"]] / np.maximum(y[..., AT[f"peak_{axle}"]], 1e-9) for axle in "fr"])
             for force in ("F_x", "F_y")
         )
-        # no tyre gives more than its peak: what is beyond is the curve's error (`models.form`), and all of the friction
+        # no tyre gives more than its peak: beyond is an error of the curve (`models.form`), with all friction used
         use = np.max(np.hypot(along, np.clip(across, -1.0, 1.0)), axis=0)
         slip = np.abs(np.arctan2(y[..., AT["v_y"]], np.maximum(y[..., AT["v_x"]], 1e-3)))
         backwards = y[..., AT["v_x"]] < 0.3 * limits.speed_min

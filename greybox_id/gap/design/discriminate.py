@@ -1,8 +1,8 @@
-"""Designing for explanations that recordings could not tell apart, and for effects that they could not show.
+"""Design for explanations that recordings could not distinguish, and for effects that they could not show.
 
-For every pair of rivals, a plan is worth what the wrong one loses of the log-likelihood when all that is uncertain has
-taken up what it can: its own magnitude and the vehicle's tolerances, by Gauss-Newton on the readings that the other one
-would give. A plan is worth what its worst pair is (T-optimality: Atkinson & Fedorov, Biometrika 62, 1975, with priors).
+For every pair of rivals, a plan is rated by the log-likelihood that the wrong one loses on the readings that the other
+one would give, after all that is uncertain has adapted by Gauss-Newton: its own magnitude and the vehicle's tolerances.
+The rating of a plan is that of its worst pair (T-optimality: Atkinson & Fedorov, Biometrika 62, 1975, with priors).
 """
 
 from __future__ import annotations
@@ -33,19 +33,20 @@ from .search import FoundPlan, PlanSearch
 from .task import DesignTask
 
 ENOUGH = 12.0
-"""Nats by which explanations are to come apart: a posterior probability of 6e-6 of the wrong one, tempering apart."""
+"""Separation, in nats, at which explanations count as distinguished: the wrong one has a posterior probability of 6e-6,
+without tempering."""
 HOPELESS = 3.0
-"""Nats below which the best manoeuvre does not tell explanations apart."""
+"""Nats below which the best manoeuvre does not distinguish explanations."""
 CLEARLY = 3.0 * ENOUGH
-"""Nats at which a search ends: draws and rough equations take some of them back."""
+"""Nats at which a search ends: draws and coarse simulation may overrate a plan."""
 MOST_RIVALS = 4
 DRAWS, AVERAGED = 24, 8
 """Draws of what is uncertain that must keep to limits, of each rival; those over which separations are averaged."""
 LATE = 0.5
-"""s at the beginning in which a late sensor may read nothing yet."""
+"""s at the beginning, in which a late sensor may have no reading yet."""
 STEPS, SETTLED = 16, 0.1
-"""Steps (Gauss-Newton, damped where one leads too far) in which explanations adapt, at most, and nats below which
-another one is not worth it; one step while searching."""
+"""Most Gauss-Newton steps (damped where one is too long) in which an explanation adapts, and nats below which another
+step is not taken; one step while searching."""
 NORMAL_95 = 1.96
 LIKELY = 0.05
 """Explanations that are less probable are no rivals."""
@@ -58,8 +59,8 @@ class Rival:
     Attributes
     ----------
     name : its effect.
-    model : with the effect free and all tolerances that are stated; it has the effects of all rivals.
-    sd : of the effect's magnitude, as far as the diagnosis knows it.
+    model : with the effect and all stated tolerances free; it has the effects of all rivals.
+    sd : of the effect's magnitude, as far as the diagnosis determines it.
     """
 
     name: str
@@ -68,9 +69,9 @@ class Rival:
 
 
 def ambiguous(gap: Gap) -> tuple[str, ...]:
-    """The likeliest set of effects that a diagnosis could not tell apart, the likeliest first; empty where none.
+    """The likeliest set of effects that a diagnosis could not distinguish, the likeliest first; empty if there is none.
 
-    Effects that no recording like this one tells apart, or that stay likely beside one that is not sure.
+    These are effects with the same readings on such recordings, and those that remain likely beside an uncertain one.
     """
     for item in gap.ranking if gap.gap_detected else ():
         if item.probability < LIKELY:
@@ -89,9 +90,9 @@ def ambiguous(gap: Gap) -> tuple[str, ...]:
 
 
 def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
-    """Names of which some manoeuvre tells something, and pairs that read the same whatever is driven.
+    """Effects that some manoeuvre may distinguish, and pairs with the same readings whatever is driven.
 
-    Of two that always read the same, the first one stays to stand for both.
+    Of such a pair, the first effect stays and stands for both.
     """
     left, pairs = list(names), list[tuple[str, str]]()
     for one, other in combinations(names, 2):
@@ -105,17 +106,17 @@ def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str]
 def discriminating(
     gap: Gap, model: MotionModel, effects: Mapping[str, Effect], design_task: DesignTask, say: Say
 ) -> Design:
-    """The manoeuvre that tells the explanations of a gap apart.
+    """The manoeuvre that distinguishes the explanations of a gap.
 
     Parameters
     ----------
     gap : the diagnosis.
-    model : that was diagnosed, with what is stated of its vehicle.
+    model : that was diagnosed, with its vehicle's tolerances.
     effects : by name.
 
     Raises
     ------
-    BadInput : the model cannot say what a manoeuvre leads to, or none fits into the arena and the limits.
+    BadInput : the model cannot predict manoeuvres, or none fits into the arena and the limits.
     """
     names = ambiguous(gap)
     if not names:
@@ -153,7 +154,7 @@ def discriminating(
 
 
 def _alone(gap: Gap) -> str:
-    """Why a diagnosis leaves no two effects to tell apart."""
+    """Why a diagnosis leaves no two effects to distinguish."""
     if not gap.gap_detected:
         return "no gap was detected"
     if gap.applied or gap.unknown_probability <= LIKELY:
@@ -167,11 +168,11 @@ def _alone(gap: Gap) -> str:
 def detecting(
     gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], design_task: DesignTask, say: Say
 ) -> Design:
-    """The manoeuvre that shows effects that recordings could not: each at its usual size against nothing.
+    """The manoeuvre that shows effects that recordings could not: each at its usual size against none.
 
     Parameters
     ----------
-    names : effects; those that the diagnosis says were not excited unless any is named.
+    names : effects; none: those that the diagnosis calls not excited.
 
     Raises
     ------
@@ -204,14 +205,14 @@ def detecting(
 
 
 class _Rivals:
-    """Explanations beside each other: their readings, how far a plan takes them apart.
+    """Rival explanations, and how far a plan separates them.
 
     Parameters
     ----------
     gap : the diagnosis.
-    rivals : that are told apart.
+    rivals : that are to be distinguished.
     design_task : arena, limits and the like.
-    detect : whether each is to be told from the first one, nothing, and no more; else every pair.
+    detect : whether each is only compared with the first one, no effect; else all pairs are.
     """
 
     def __init__(self, gap: Gap, rivals: Sequence[Rival], design_task: DesignTask, *, detect: bool = False) -> None:
@@ -224,7 +225,7 @@ class _Rivals:
         self.read, amplitudes = _amplitudes(gap, first)
         self.errors = ExpectedErrors(first, amplitudes)
         names = [rival.name for rival in rivals]
-        self.held = [Rough(rival.model, names) for rival in rivals]  # a row that is read sooner has no derivative
+        self.held = [Rough(rival.model, names) for rival in rivals]  # other delays fixed: readings jump at rows
         self.simulators = [Simulator(item.model) for item in self.held]
         for simulator in self.simulators:
             simulator.kernel.prepare()
@@ -236,9 +237,9 @@ class _Rivals:
         )  # fmt: skip
 
     def told_apart(self, say: Say) -> tuple[FoundPlan, tuple[Separation, ...]]:
-        """The best plan, or one that is worth enough; and of every pair, the mean over draws and the 10 % quantile.
+        """The best plan, or one that is good enough, and the separation of each pair: mean and 10 % quantile of draws.
 
-        Whichever of the two is true, the one that shows less.
+        Of a pair, either explanation may be true: the smaller separation counts.
         """
         found_plan = self.search.best(say)
         each = [self._lost(found_plan.plan, k, self.ways) for k in range(AVERAGED)]
@@ -262,7 +263,7 @@ class _Rivals:
         )  # fmt: skip
 
     def worth(self, plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
-        """Nats by which the worst pair comes apart, a little for the others; mean over what is to be detected.
+        """Nats by which each plan separates its worst pair, and a little for others; to detect, mean over effects.
 
         More than is needed does not count.
         """
@@ -272,7 +273,7 @@ class _Rivals:
             nats = np.array([min(lost[pair], lost.get(pair[::-1], inf)) for pair in self.pairs])
             if self.detect:
                 result.append(float(np.mean(np.minimum(nats, ENOUGH))))
-            else:  # a little of the others, so that a search does not stand still
+            else:  # the others count a little, so that a search makes progress on them
                 nats = np.minimum(nats, CLEARLY)
                 result.append(float(np.min(nats) + 0.05 * np.mean(nats)))
         return result
@@ -280,7 +281,7 @@ class _Rivals:
     def _lost(
         self, plan: PlannedMotion, draw: int, ways: Sequence[tuple[int, int]], *, rough: bool = False
     ) -> dict[tuple[int, int], float]:
-        """(true, wrong) -> nats that the wrong one loses where the true one has the values of one of its draws."""
+        """(true, wrong) -> nats that the wrong one loses where the true one is at one of its draws."""
         result = dict[tuple[int, int], float]()
         for true in dict.fromkeys(true for true, _ in ways):
             wrong = [other for one, other in ways if one == true]
@@ -295,7 +296,7 @@ class _Rivals:
 
         Parameters
         ----------
-        rough : whether some of the rows may stand for all, delays that are no rivals be left out, and one step do.
+        rough : whether to take only some of the rows, no delays but those of rivals, and a single step.
         """
         every, steps = (max(1, round(self.task.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
         p = self.held[true].of(p) if rough else p
@@ -311,7 +312,7 @@ class _Rivals:
         return result
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
-        """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
+        """Cost, in nats, of readings and tolerances for a rival that adapts from p on; zero where it is not finite."""
         ones = np.ones(len(self.rivals[rival].model.outputs))
         problem = MotionProblem(self.simulators[rival], [recording], noise=ones, starts="free", about=p)
         white = self.errors.whitener(recording, p, every)
@@ -338,7 +339,7 @@ class _Rivals:
                 scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
                 if settled:
                     break
-            elif best < inf:  # too far: what the derivative told does not hold there (Levenberg's damping)
+            elif best < inf:  # too far: the linearisation does not hold there (Levenberg's damping)
                 damping = max(10.0 * damping, 0.1)
             else:
                 break
@@ -352,7 +353,7 @@ class _Rivals:
         return min(known, best) if isfinite(best) else 0.0
 
     def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
-        """What sensors would read if a rival were true, commands as planned; one row of so many."""
+        """The readings if a rival were true, with commands as planned; one row of `every`."""
         time = plan.time[::every]
         blank = {name: np.zeros(len(time)) for name in self.read}
         for name in ("v_x", "v_y", "yaw_rate"):
@@ -376,7 +377,7 @@ class _Rivals:
 
 
 def _joint(gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str]) -> MotionModel:
-    """The model with these effects at their null, and the others that are applied in any case."""
+    """The model with these effects at their null, and the other applied effects at their magnitudes."""
     magnitude = {item.effect: item.magnitude for item in gap.ranking}
     for other in gap.applied:
         if other not in names and other in effects and other not in model.effects and other in magnitude:
@@ -400,14 +401,14 @@ def _rival(gap: Gap, joint: MotionModel, effect: Effect, *, typical: bool = Fals
 
 
 def _without(rival: Rival) -> Rival:
-    """The same without its effect."""
+    """The same model without the rival's effect."""
     value = rival.model[rival.name]
     assert value.null is not None
     return Rival("nothing", rival.model.with_parameters(replace(value, value=np.asarray(value.null), fixed=True)))
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
-    """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
+    """(count, parameters) draws of the parameters with tolerances and of the effect's magnitude, nominal first."""
     rng = np.random.default_rng((seed, 907))
     result, start = np.tile(rival.model.values, (count, 1)), 0
     for parameter in rival.model.parameters:
@@ -424,11 +425,11 @@ def _drawn(rival: Rival, count: int, seed: int) -> Array:
 
 
 def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitudes]:
-    """Outputs that were read, and how large model error and noise are: as the diagnosis left them.
+    """Outputs that were read, and sizes of model error and noise as the diagnosis estimates them.
 
     Raises
     ------
-    BadInput : the diagnosis says of no channel how noisy it is.
+    BadInput : the diagnosis has noise levels for no channel.
     """
     floors: dict[str, float] = {}
     for error in (*gap.gap.errors, *(gap.held_out.errors if gap.held_out is not None else ())):
@@ -445,9 +446,9 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
 
 
 def _drive_of(model: MotionModel) -> str:
-    """The signal of the drive command: of newtons, amperes and accelerations, the one that force_per_unit fits."""
+    """The signal of the drive command: of newtons, amperes and accelerations, the one that force_per_unit suits."""
     names = model.aliases.get("drive", ("drive",))
-    if "force_per_unit" not in model:  # its speed is read, not simulated
+    if "force_per_unit" not in model:  # its speed is an input, not simulated
         return names[0]
     per_unit, m = float(model["force_per_unit"].array), float(model["m"].array)
     if abs(per_unit - 1.0) < 0.05 and "drive_force" in names:

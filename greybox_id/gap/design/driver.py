@@ -1,8 +1,8 @@
 """The driver of a plan: steers as planned, keeps the planned speed, and brings the vehicle gently back to its path.
 
 An open loop drifts: after twenty seconds a yaw rate that is off by a hundredth of a radian per second has turned the
-vehicle by eleven degrees. What the driver adds is recorded as part of the commands, so that it spoils no estimate. The
-same few lines are equations in CasADi, with which plans are made, and numbers, with which they are driven.
+vehicle by eleven degrees. What the driver adds is recorded as part of the commands, and so biases no estimate. The same
+few lines are evaluated as CasADi expressions, when plans are made, and with numbers, when they are driven.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .limits import CAR, DriveLimits, G, number
 from .primitives import Handling
 
 SPEED_GAIN = 1.5
-"""Of a full-size car's driver: m/s^2 for a speed that is off by 1 m/s; smaller cars are quicker (Froude)."""
+"""Of a full-size car's driver, 1/s: m/s^2 per m/s of speed error; those of smaller cars are quicker (Froude)."""
 PREVIEW = 1.2
 """Time ahead, s, of a full-size car, at which the driver brings the path back (Kritayakirana & Gerdes, 2012)."""
 CORRECTION = 0.15
-"""Largest lateral acceleration that corrections of the path ask for, as a share of the grip."""
+"""Largest lateral acceleration that corrections of the path use, as a share of the grip."""
 PLANNED = ("v_x_planned", "x_planned", "y_planned", "yaw_planned")
 PATH = "driver_follows_path"
 """Parameter of a driven model: 1 where the driver brings the vehicle back to the planned path, 0 where not."""
@@ -36,7 +36,7 @@ TOLD = (
     *("v_x", "v_y", "yaw_rate", "x", "y", "yaw"),
     *("a_y", "F_yf", "F_yr", "F_xf", "F_xr", "peak_f", "peak_r", "drive_force"),
 )
-"""What a driven model says, in this order."""
+"""Outputs of a driven model, in this order."""
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,13 @@ class PlanDriver:
 
     Attributes
     ----------
-    speed_gain : 1/s, acceleration for a speed that is off.
+    speed_gain : 1/s, acceleration per speed error.
     preview : s.
-    most : m/s^2, lateral acceleration that corrections may ask for.
+    most : m/s^2, largest lateral acceleration of corrections.
     length, understeer : of the vehicle, m and rad s^2/m.
-    force : N, what a unit of the drive signal gives; mass in kg.
+    mass : kg.
+    force : N per unit of the drive signal.
+    drive_max, brake_max : m/s^2, largest planned accelerations.
     """
 
     speed_gain: float
@@ -67,8 +69,8 @@ class PlanDriver:
 
         Parameters
         ----------
-        plan : `steer`, `drive`, and what is expected there: `x`, `y`, `yaw`, `v_x`.
-        motion : where the vehicle is, from where and as it began: `x`, `y`, `yaw`, `v_x`.
+        plan : `steer`, `drive`, and the motion expected there: `x`, `y`, `yaw`, `v_x`.
+        motion : of the vehicle, relative to where it began: `x`, `y`, `yaw`, `v_x`.
         """
         steer = plan["steer"] + self._back(
             plan["x"], plan["y"], plan["yaw"], plan["v_x"], motion["x"], motion["y"], motion["yaw"], np
@@ -76,7 +78,7 @@ class PlanDriver:
         return float(steer), float(self._drive(plan["drive"], plan["v_x"], motion["v_x"], np))
 
     def _back(self, x0: Any, y0: Any, yaw0: Any, v: Any, x: Any, y: Any, yaw: Any, of: Any) -> Any:
-        """Steering that leads back to the path, rad."""
+        """Steering back to the path, rad."""
         off = -of.sin(yaw0) * (x - x0) + of.cos(yaw0) * (y - y0)
         ahead = of.fmax(self.preview * v, 2.0 * self.length)
         bend = -2.0 * (off + ahead * of.sin(yaw - yaw0)) / ahead**2
@@ -105,7 +107,7 @@ def vehicle_of(model: MotionModel) -> Handling:
 
     Raises
     ------
-    BadInput : the model's speed is no state, or its tyres have no peak: it cannot say what a manoeuvre would lead to.
+    BadInput : the model's speed is no state, or its tyres have no peak: it cannot predict manoeuvres.
     """
     states = {state.name for state in model.states}
     lacking = sorted({"v_x", "v_y", "yaw_rate"} - states)
@@ -128,10 +130,10 @@ def vehicle_of(model: MotionModel) -> Handling:
 
 
 def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
-    """The model with its driver, its place on the ground, and what limits ask about as outputs; without sensors.
+    """The model with its driver and position, and the outputs that limits need; without sensors.
 
-    Its inputs are steering and drive as planned, and what is planned of speed and path. The driver's numbers are its
-    last parameters, so that equations, and what is compiled of them, are alike for all drivers.
+    Its inputs are the planned steering and drive, and the planned speed and path. The driver's numbers are its last
+    parameters, so that the equations, and their compiled kernel, are the same for all drivers.
     """
     numbers = {one.name: f"driver_{one.name}" for one in fields(PlanDriver)}
 

@@ -1,4 +1,4 @@
-"""How much a plan tells of a fit's parameters, beside what the fit knows of them already."""
+"""Information of a plan on a fit's parameters, in addition to the fit's own."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from .course import PlannedMotion
 from .scatter import ExpectedErrors, Rough, sandwich
 
 RIDGE = 1e-12
-"""Information that is always there, in units of what is there: what nothing tells keeps an inverse."""
+"""Least eigenvalue of a scaled information matrix, so that directions without information have an inverse."""
 ROUGH_RATE = 20.0
-"""Rows a second that tell nearly what all tell: vehicles turn with 1 to 3 Hz, models of scale with up to 5."""
+"""Rows a second with nearly the information of all: vehicles turn with 1 to 3 Hz, models of scale with up to 5."""
 FARTHEST = 2.5
-"""Draws of a posterior reach so many standard deviations."""
+"""Draws of a posterior are cut at so many standard deviations."""
 
 
 @dataclass(frozen=True)
 class Known:
-    """What a fit knows of the numbers it estimated.
+    """Information of a fit on the numbers it estimated.
 
     Attributes
     ----------
     names : of the free numbers.
-    places : (q,) where they stand in the model's vector.
-    precision : (q, q) inverse of their covariance; zero where the fit knows nothing.
-    local : (q,) whether a number has another value in each run, so that only its prior is known of a new one.
+    places : (q,) indices in the model's vector.
+    precision : (q, q) inverse of their covariance; zero where the fit has no information.
+    local : (q,) whether a number has another value in each run, so that a new run's has only its prior.
     """
 
     names: tuple[str, ...]
@@ -46,12 +46,12 @@ class Known:
     local: Mask
 
     def sd(self, precision: Array) -> Array:
-        """(q,) standard deviations that belong to a precision; infinite where nothing is known."""
+        """(q,) standard deviations for a precision; infinite where there is no information."""
         return np.sqrt(np.diag(_inverse(precision)))
 
 
 def known_by(fit: Fit) -> Known:
-    """What a fit knows.
+    """The information of a fit.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def known_by(fit: Fit) -> Known:
 
 
 def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
-    """The parameters whose precision counts: those that are named, or all free ones that new runs share.
+    """The parameters whose precision counts: the named ones, else all free ones that new runs share.
 
     Raises
     ------
@@ -96,13 +96,13 @@ def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...
 class Information:
     """Linearises the fit's own least-squares problem on recordings that plans would give.
 
-    Noise is that of the fit's residuals; beside it, forces act that no equations know (`scatter`).
+    Noise is that of the fit's residuals; beside it, unknown forces act (`scatter`).
 
     Parameters
     ----------
-    fit : the fit; its noise, horizon and outputs are those that new recordings are taken to have.
-    known : what it knows.
-    wanted : parameters that are never taken as known, not even roughly.
+    fit : the fit; new recordings are assumed to have its noise, horizon and outputs.
+    known : its information.
+    target : parameters that are not held even in coarse simulations.
     """
 
     def __init__(self, fit: Fit, known: Known, target: Sequence[str] = ()) -> None:
@@ -122,7 +122,7 @@ class Information:
         self.errors = ExpectedErrors(self.model, believed(self.noise, True, False, {}).median)
 
     def of(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Array]:
-        """(q, q) information of each plan on the free numbers, its starts accounted for; zero where it is not finite.
+        """(q, q) information of each plan on the free numbers, with starts of runs free; zero where it is not finite.
 
         Parameters
         ----------
@@ -131,17 +131,17 @@ class Information:
         return [sandwich(H, S) for H, S in zip(*self.scores(plans, p, rough=rough), strict=True)]
 
     def scores(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> tuple[Array, Array]:
-        """What each plan tells of the free numbers.
+        """Curvature and scatter of each plan's cost by the free numbers.
 
         Parameters
         ----------
-        plans : commands and the motion that is expected; several cost little more than one, as lanes of one simulation.
+        plans : commands and expected motion; several cost little more than one, as lanes of one simulation.
         p : (parameters,) where to linearise.
-        rough : whether some of the rows may stand for all, and delays be left out.
+        rough : whether to take only some of the rows, and no delays.
 
         Returns
         -------
-        H : (plans, q, q) curvature of the squares as the fit counts residuals.
+        H : (plans, q, q) curvature of the squares as the fit weighs residuals.
         S : (plans, q, q) covariance of their gradient as residuals scatter.
         """
         step = plans[0].time[1] - plans[0].time[0]
@@ -164,7 +164,7 @@ class Information:
             places = np.array([np.flatnonzero(value == place)[0] for place in index])
             by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[value])]
             flat = by_start.reshape(-1, by_start.shape[2])
-            if flat.shape[1]:  # noise of the readings alone says where a prediction starts
+            if flat.shape[1]:  # starts of predictions are nuisances, known by noisy readings alone
                 starts = value[loose[value]]
                 inner = flat.T @ flat + problem.believed[np.ix_(starts, starts)]
                 pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
@@ -179,7 +179,7 @@ class Information:
         return H, H + self.errors.scatter(recordings, p, G, begun)
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
-        """The recording that a plan is expected to give, without noise; one row of so many."""
+        """The recording that a plan is expected to give, without noise; one row of `every`."""
         aliases = self.model.aliases.get("drive", ("drive",))
         channel = self.how.get("inputs", {}).get("drive", aliases[0])
         signals = {"steer": plan.steer, channel: plan.drive}
@@ -189,7 +189,7 @@ class Information:
 
 
 def criterion(precision: Array, known: Known, target: Sequence[str], kind: str) -> float:
-    """How good a precision is for the wanted numbers, more is better.
+    """Value of a precision for the target numbers, more is better.
 
     Parameters
     ----------
@@ -220,9 +220,9 @@ def criterion(precision: Array, known: Known, target: Sequence[str], kind: str) 
 
 
 def draws(fit: Fit, known: Known, count: int, seed: int) -> Array:
-    """(count, parameters) of the model's vector from the fit's Laplace posterior, within bounds; the estimate first.
+    """(count, parameters) draws of the model's vector from the fit's Laplace posterior, in bounds; the estimate first.
 
-    A posterior that reaches beyond bounds is cut there; far tails beyond `FARTHEST` are drawn in.
+    Draws beyond bounds are set to them, draws beyond `FARTHEST` to that distance.
     """
     rng = np.random.default_rng((seed, 2311))
     model = fit.model
@@ -257,7 +257,7 @@ def predicted_sd(known: Known, precision: Array) -> dict[str, tuple[float, float
 
 
 def _inverse(matrix: Array) -> Array:
-    """Inverse of a positive semidefinite matrix in its own units; infinite variance where it says nothing."""
+    """Inverse of a positive semidefinite matrix, scaled to a unit diagonal; infinite variance without information."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     there = scale > 0
     result = np.full_like(matrix, 0.0)

@@ -1,4 +1,4 @@
-"""What a manoeuvre must keep to: actuators, friction, sideslip, speed."""
+"""Limits of a manoeuvre: actuators, friction, sideslip, speed."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ CAR = 2.76
 STEER_MAX = 0.45
 """Largest angle of road wheels, rad, unless stated: stops of steerings are at 0.4 to 0.65."""
 STEER_RATE = 0.7
-"""Fastest steering of a full-size car at the road wheels, rad/s: 650 deg/s at a wheel of ratio 16, what test drivers
+"""Fastest steering of a full-size car at the road wheels, rad/s: 650 deg/s at a wheel of ratio 16, as test drivers
 reach in a double lane change (ISO 3888)."""
 DRIVE, BRAKE = 0.3, 0.5
-"""Largest accelerations, of gravity, unless stated; both within half of what tyres give."""
+"""Largest accelerations, of gravity, unless stated; both less than half of what tyres give."""
 HALF_WIDTH = 0.5
 """Half a vehicle's width over its track, mirrors left out; a tenth of it is added as margin."""
 
 
 @dataclass(frozen=True)
 class DriveLimits:
-    """What a manoeuvre must keep to, SI units.
+    """Limits of a manoeuvre, SI units.
 
     Attributes
     ----------
     steer_max, steer_rate : of the road wheels, rad and rad/s.
-    drive_max, brake_max : largest accelerations that are asked for, m/s^2.
+    drive_max, brake_max : largest planned accelerations, m/s^2.
     speed_min, speed_max : m/s, of the plan.
     grip : largest share of an axle's friction that is used.
     sideslip_max : rad, at the centre of gravity.
@@ -58,7 +58,7 @@ RANGE: Mapping[str, tuple[float, float]] = {
     "speed_min": (0.1, 100.0), "speed_max": (0.2, 120.0), "grip": (0.05, 1.0), "sideslip_max": (0.005, 1.0),
     "margin": (0.0, 100.0),
 }  # fmt: skip
-"""Least and most that can be meant."""
+"""Least and greatest value that a limit may have."""
 
 
 def number(model: MotionModel, name: str, otherwise: float) -> float:
@@ -117,7 +117,7 @@ def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> Drive
 
 
 def must_agree(limits: DriveLimits) -> DriveLimits:
-    """The limits, if something can be driven within them.
+    """The limits, if a manoeuvre within them is possible.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def must_agree(limits: DriveLimits) -> DriveLimits:
 
 
 def read_limits(path: str | Path) -> dict[str, object]:
-    """Limits out of a TOML file.
+    """Limits from a TOML file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A designed manoeuvre: what is driven, what it leads to, what it is expected to tell."""
+"""A designed manoeuvre: what is driven, the expected motion, and the expected information."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ALONG = 0.05
 
 @dataclass(frozen=True)
 class Separation:
-    """How far two explanations are expected to come apart.
+    """Expected separation of two explanations.
 
     Attributes
     ----------
@@ -43,23 +43,23 @@ class Separation:
 
 @dataclass(frozen=True)
 class Design:
-    """A manoeuvre, and what it is expected to tell.
+    """A manoeuvre, and what it is expected to show.
 
     Attributes
     ----------
     goal : "precision", "discriminate" or "detect".
     model : name of the model it was designed with.
-    arena, limits : where, and within what it is driven.
+    arena, limits : within which it is driven.
     drive : signal of the drive command.
     criterion : its name, and values before and after in nats.
-    phases : what it is chained of; empty where nothing is left to tell, or nothing tells it.
-    plan : commands and expected motion, from the start as origin; None where there are no phases.
-    corridor : (2, n, told) 2.5 % and 97.5 % of the motions that are expected.
-    placement, driver : how it lies in the arena, and who drives it.
+    phases : of the chain; empty where nothing is left to be shown, or no manoeuvre shows it.
+    plan : commands and expected motion, with the start as origin; None where there are no phases.
+    corridor : (2, n, outputs) 2.5 % and 97.5 % quantiles of the expected motions.
+    placement, driver : in the arena, and who drives it.
     predicted_sd : name -> standard deviation before and after.
     separation : of pairs of explanations.
-    active_limits : limits that the manoeuvre uses up.
-    impossible : sentences on what no manoeuvre tells.
+    active_limits : limits that the manoeuvre reaches.
+    impossible : sentences on what no manoeuvre shows.
     kept : share of the draws of what is uncertain that keep to all limits.
     repeat : how often it is to be driven.
     said : sentences that come first.
@@ -86,7 +86,7 @@ class Design:
 
     @property
     def duration(self) -> float:
-        """Of one drive, s."""
+        """Duration of one drive, s."""
         return 0.0 if self.plan is None else float(self.plan.time[-1] + self.plan.time[1] - self.plan.time[0])
 
     @property
@@ -131,13 +131,13 @@ class Design:
 
     @property
     def sentence(self) -> str:
-        """What a driver is told."""
+        """The instruction for a driver."""
         if self.plan is None:
             return ""
         return sentence(self.phases, self.plan, self.limits)
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """The design as plain data."""
         result: dict[str, Any] = {
             "goal": self.goal,
             "model": {"name": self.model},

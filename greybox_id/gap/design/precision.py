@@ -1,4 +1,4 @@
-"""Designing for precise parameters: the determinant of their covariance, averaged over what is not known yet."""
+"""Design for precise parameters: by the determinant of their covariance, averaged over what is uncertain."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ DRAWS, AVERAGED = 40, 3
 """Draws of the posterior that must keep to limits; those over which the criterion's median is taken."""
 CRITERIA = ("d", "a", "e", "c")
 LITTLE = 0.05
-"""Share of a standard deviation that is little to gain: twenty such drives would not halve it."""
+"""Relative reduction of a standard deviation that counts as little: twenty such drives would not halve it."""
 
 
 def must_move(model: Model, do: str = "Fit") -> MotionModel:
-    """The model, where manoeuvres are designed with it. Raises `BadInput` where it is none of motion."""
+    """The model, if manoeuvres can be designed with it. Raises `BadInput` where it has no equations of motion."""
     none = f"A manoeuvre is designed with equations of motion; {model.name} has none. {do} single_track."
     return must_be(MotionModel, model, none)
 
@@ -35,14 +35,14 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
     Parameters
     ----------
     fit : of equations of motion.
-    names : of the parameters that count; all free ones unless any is named.
+    names : of the parameters that count; none: all free ones.
     kind : one of `CRITERIA`, see `information.criterion`.
     design_task : arena, limits and the like.
 
     Raises
     ------
-    BadInput : the model cannot say what a manoeuvre leads to, a name is none of its free parameters, or no manoeuvre
-        fits into the arena and the limits.
+    BadInput : the model cannot predict manoeuvres, a name is none of its free parameters, or no manoeuvre fits into the
+        arena and the limits.
     """
     model, known = must_move(fit.model), known_by(fit)
     target = wanted_names(fit, known, names)
@@ -71,14 +71,14 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
 
 
 def _exact(model: MotionModel) -> tuple[str, ...]:
-    """That a fit takes its equations for exact, which no tyre's curve is."""
+    """A sentence that the fit takes its tyre curves as exact, where it does."""
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
     return ("The fit treats its tyre curves as exact; with the setting form=uncertain, sd includes their error.",)
 
 
 def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
-    """What the manoeuvre adds little to, and how little."""
+    """A sentence on parameters of which the manoeuvre informs little."""
     parts = []
     for name, (before, after) in known.items():
         if not np.isfinite(after):

@@ -1,9 +1,9 @@
-"""Manoeuvres that a plan is chained of, each with five numbers: how hard, how often, how fast, how long, which circle.
+"""Primitives of which a plan is a chain, each with five numbers: amplitude, frequency, speed, duration, mean circle.
 
-Sideways they ask for shares of the grip, which become steering for the speed there is, as the nominal vehicle would
-need it in steady state: what is asked for then has the same meaning at every speed and for every size of vehicle.
-Shapes are those of ISO 7401 (step, sine, sweep), ISO 4138 (spiral), ISO 3888 (lane change), ISO 7975 (brake in turn)
-and NHTSA's sine with dwell (FMVSS 126).
+Laterally they are shares of the grip, which become steering at the speed of the row as the nominal vehicle needs it in
+steady state: a plan then has the same meaning at every speed and for every size of vehicle. Shapes are those of ISO
+7401 (step, sine, sweep), ISO 4138 (spiral), ISO 3888 (lane change), ISO 7975 (brake in turn) and NHTSA's sine with
+dwell (FMVSS 126).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Shape = Callable[[Array, float], Array]
 
 
 def _through(shares: Sequence[float], values: Sequence[float]) -> Shape:
-    """Straight lines through these points."""
+    """Linear interpolation between points."""
     return lambda s, cycles: np.asarray(np.interp(s, shares, values))
 
 
@@ -34,7 +34,7 @@ def _steps(s: Array, cycles: float) -> Array:
 
 
 def _sweep(s: Array, cycles: float) -> Array:
-    """A frequency that grows fourfold; its mean is that of `cycles`."""
+    """A sine whose frequency grows fourfold; the mean frequency is that of `cycles`."""
     return _sine((4.0**s - 1.0) / 3.0, cycles)
 
 
@@ -43,7 +43,7 @@ _DWELL = _through([0, 0.08, 0.16, 0.24, 0.36, 0.45, 0.5], [0, 1, 0, -1, -1, 0, 0
 
 
 def _both_sides(one: Shape) -> Shape:
-    """In the first half to one side, in the second to the other."""
+    """A shape to one side in the first half, to the other in the second."""
     return lambda s, cycles: np.where(s < 0.5, 1.0, -1.0) * one(s % 0.5, cycles)
 
 
@@ -57,7 +57,7 @@ SHAPES: Mapping[str, Shape] = {
     "lane change": _both_sides(lambda s, cycles: _sine(s, 2.0)),
     "straight": _through([0.0, 1.0], [0.0, 0.0]),
 }
-"""Name of a primitive -> its steering over time. Any of them may change speed on the way."""
+"""Name of a primitive -> its steering over time. All of them may change speed on the way."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class Phase:
     Attributes
     ----------
     shape : one of `SHAPES`.
-    amplitude : share of the grip that is asked for sideways, positive to the left.
+    amplitude : lateral acceleration as a share of the grip, positive to the left.
     frequency : Hz.
-    speed : m/s, that is to be reached in the middle of it.
+    speed : m/s, reached at three quarters of the phase.
     duration : s.
-    lean : share of the grip that is asked for beside that throughout: the circle on which the rest is driven.
+    lean : constant lateral acceleration in addition, as a share of the grip: the circle on which the shape is driven.
     """
 
     shape: str
@@ -84,7 +84,7 @@ class Phase:
 
 @dataclass(frozen=True)
 class Handling:
-    """What turns shares of the grip into steering.
+    """Properties of a vehicle that convert shares of the grip into steering.
 
     Attributes
     ----------
@@ -100,14 +100,14 @@ class Handling:
 
 @dataclass(frozen=True)
 class AskedDrive:
-    """What a chain of phases asks for, row by row.
+    """Planned steering and speed of a chain of phases, row by row.
 
     Attributes
     ----------
     time : (n,) s.
     steer : (n,) rad at the road wheels.
     speed : (n,) m/s.
-    phase : (n,) number of the phase a row belongs to; the last one is the stop.
+    phase : (n,) index of the phase a row belongs to; the last one is the stop.
     """
 
     time: Array
@@ -117,12 +117,12 @@ class AskedDrive:
 
 
 def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, duration: float, rate: float) -> AskedDrive:
-    """Lay phases one behind the other; the end is straight and slow.
+    """Chain phases; the end is straight and slow.
 
     Parameters
     ----------
-    phases : at least one; their durations are stretched so that all of it lasts `duration`.
-    vehicle, limits : as stated.
+    phases : at least one; their durations are scaled so that the chain lasts `duration`.
+    vehicle, limits : by which steering and speed are computed.
     duration, rate : s, rows a second.
     """
     rows = max(int(round(duration * rate)), 10)
@@ -149,7 +149,7 @@ def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, durat
 
 
 def _reachable(speed: Array, limits: DriveLimits, rate: float) -> Array:
-    """Speeds that accelerations within the limits can follow, no faster than asked for."""
+    """Speeds that accelerations within the limits can follow, no faster than planned."""
     result, up, down = speed.copy(), 0.9 * limits.drive_max / rate, 0.9 * limits.brake_max / rate
     for k in range(1, len(result)):
         result[k] = min(result[k], result[k - 1] + up)
@@ -159,7 +159,7 @@ def _reachable(speed: Array, limits: DriveLimits, rate: float) -> Array:
 
 
 def _no_faster(steer: Array, most: float) -> Array:
-    """Steering that changes by no more than so much a row, from straight ahead on."""
+    """Steering that changes by at most `most` per row, from straight ahead on."""
     result, now = np.empty_like(steer), 0.0
     for k, target in enumerate(steer):
         now += min(max(target - now, -most), most)

@@ -1,10 +1,10 @@
-"""How errors of equations would go on recordings that are expected: under noise, and forces that no equations know.
+"""Scatter of model errors on recordings that are expected: under noise and unknown forces.
 
-A diagnosis whitens residuals by the filter of these errors. A fit counts residuals as if they were independent, each
-for as much as the correlation leaves that it has seen. What equations leave out lasts for moments, is as large as a
-share of the forces, and grows where tyres work. The sums of scores J'r then scatter by more than J'J, and the
-covariance of the estimate is H^-1 S H^-1 (as of the fit itself, `uncertainty.sandwich`), S = J'J + the scatter under
-the model error of `estimation.model_error`. The information of a plan is the inverse of that, H S^-1 H.
+A diagnosis whitens residuals by the filter of these errors. A fit weighs residuals as independent, each by a factor for
+its correlation. Model errors last for moments, are as large as a share of the forces, and grow where tyres work. The
+sums of scores J'r then scatter by more than J'J, and the covariance of the estimate is H^-1 S H^-1 (as of the fit
+itself, `uncertainty.sandwich`), S = J'J + the scatter under the model error of `estimation.model_error`. The
+information of a plan is the inverse of that, H S^-1 H.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def sandwich(H: Array, S: Array) -> Array:
 
     Parameters
     ----------
-    H : (q, q) curvature of the squares, all else that is free let go.
+    H : (q, q) curvature of the squares, all other free parameters eliminated.
     S : (q, q) covariance of their gradient.
     """
     unit = np.sqrt(np.maximum(np.diag(H), 0.0))
@@ -46,14 +46,14 @@ def sandwich(H: Array, S: Array) -> Array:
 
 
 class Rough:
-    """A model of which all delays and latencies are held at none: each of them cuts every row in two.
+    """A model whose delays and latencies are all held at none: each of them cuts every row in two.
 
-    They are known to milliseconds beside motions of tenths of a second, and shift what is told without changing it.
+    They are known to milliseconds, while motions take tenths of a second: they shift information without changing it.
 
     Parameters
     ----------
     model : the model.
-    kept : parameters that stay as they are, the delays among them, too.
+    kept : parameters that are not held, delays among them.
     """
 
     def __init__(self, model: MotionModel, kept: Collection[str] = ()) -> None:
@@ -70,7 +70,7 @@ class Rough:
 
 
 class ExpectedErrors:
-    """Errors of equations on recordings that are expected.
+    """Model errors on recordings that are expected.
 
     Parameters
     ----------
@@ -86,14 +86,14 @@ class ExpectedErrors:
         self._sizes: ForceSizes | None = None
 
     def _about(self, recordings: Sequence[Recording], p: Array) -> tuple[Bench, Array, Linearised]:
-        """What simulates, all parameters, and errors about that."""
+        """The bench, all its parameters, and the error dynamics about its simulation."""
         bench, value = Bench(self.model, recordings, self.simulator), np.zeros(self.model.size)
         value[: len(p)] = p
         self._sizes = self._sizes or ForceSizes(bench)
         return bench, value, linearised(bench, value, self.amplitudes.noise, self._sizes)
 
     def scatter(self, recordings: Sequence[Recording], p: Array, G: Array, starts: Sequence[Index]) -> Array:
-        """(recordings, q, q) covariance of each one's sum over its readings of G times what the forces make of them.
+        """(recordings, q, q) covariance of each one's sum over readings of G times the errors by unknown forces.
 
         Parameters
         ----------
@@ -122,13 +122,13 @@ class ExpectedErrors:
         return np.stack(result)
 
     def whitener(self, recording: Recording, p: Array, every: int = 1) -> Callable[[Array], Array]:
-        """What makes errors (N, outputs, ...) independent and of unit variance; where there is no reading, zero.
+        """Function that whitens errors (N, outputs, ...); zero where there is no reading.
 
         Parameters
         ----------
         recording : commands, and readings that are expected.
         p : (parameters,) of the model where to linearise.
-        every : so many readings stand behind each.
+        every : number of readings that each row stands for.
         """
         fewer = replace(self.amplitudes, noise=self.amplitudes.noise / np.sqrt(every))
         if not self.known:
@@ -143,9 +143,9 @@ def _shaken(  # pragma: no cover
     A: Array, B: Array, C: Array, D: Array, fade: Array, begins: NDArray[np.bool_],
     pointer: Index, channel: Index, G: Array,
 ) -> Array:  # fmt: skip
-    """(q, q) what unknown forces add: of each of their shocks, by the adjoint of the errors' equations, the last first.
+    """(q, q) covariance from unknown forces: of each of their shocks, by the adjoint error equations, backwards.
 
-    The forces are processes of unit variance, of which `fade` is left after a segment; they last over rows at which
+    The forces are processes of unit variance that decay by `fade` over a segment; they last over rows at which
     predictions start afresh, errors of the states do not.
     """
     forces, q = B.shape[2], G.shape[1]

@@ -1,7 +1,7 @@
-"""Searching for a plan: many chains of primitives at random, mended to fit, the best of them refined by CMA-ES.
+"""Search for a plan: many random chains of primitives, mended to fit, the best of them refined by CMA-ES.
 
-What a plan is worth is what a `Worth` says of it; whether it can be driven is said here: within the arena and all
-limits, nominally and for the draws of what is uncertain.
+A `Worth` rates plans; this module decides whether they can be driven: within the arena and all limits, with nominal
+parameters and for draws of the uncertain ones.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from .primitives import SHAPES, Phase, asked
 from .task import NEEDED, DesignTask
 
 Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
-"""(plans, whether roughly is enough) -> what each is worth, in nats: more is better."""
+"""(plans, whether a coarse value suffices) -> value of each plan, in nats: more is better."""
 
 SKETCHED, TRIED, MENDED = 2400, 240, 3
-"""Chains drawn at random and sketched as if tyres did not slip; those that are simulated as they lie best in the arena;
-rounds in which those that break limits are made gentler or slower."""
+"""Chains drawn at random and sketched without tyre slip; those of them that are simulated, as they fit best into the
+arena; rounds in which those that break limits are made gentler or slower."""
 STANDARD: Sequence[tuple[tuple[str, float, float, float], ...]] = (
     (("straight", 0.0, 0.0, 0.5), ("straight", 0.0, 1.0, 1.5)),
     (("straight", 0.0, 1.0, 1.0), ("straight", 0.0, 0.0, 1.5), ("straight", 0.0, 1.0, 1.0)),
@@ -37,28 +37,29 @@ STANDARD: Sequence[tuple[tuple[str, float, float, float], ...]] = (
     (("spiral", 1.0, 1.0, 1.0), ("spiral", -1.0, 1.0, 1.0)),
     (("straight", 0.0, 1.0, 1.0), ("turn", 0.7, 0.0, 1.0), ("turn", -0.7, 1.0, 1.0)),
 )
-"""What test drivers drive (accelerating, braking and coasting, steps, a slalom that grows faster, spirals, braking and
+"""Test manoeuvres (accelerating, braking and coasting, steps, a slalom of growing frequency, spirals, braking and
 accelerating in turns), which random chains seldom hit: shape, amplitude, share of the fastest speed, duration."""
 PACES = (0.35, 0.65, 1.0)
 """Shares of the fastest speed at which these are tried."""
 SKETCH_RATE = 5.0
 """Rows a second of sketches."""
 REFINED, GENERATIONS, HEAT = 3, 40, 10
-"""Chains that are refined, generations of the best of them, and generations after which it is chosen."""
+"""Chains that are refined, generations for the best of them, and generations after which it is chosen."""
 SETTLED = 0.1
-"""Nats that the best plan must have gained in a heat for another one: 1 % of each of five standard deviations; draws of
-the same posterior differ by more."""
+"""Nats that the best plan must have gained in a heat to get another one: 1 % of each of five standard deviations; draws
+of the same posterior differ by more."""
 MOST_PHASES = 4
 AT_ONCE = 8
 """Plans that are simulated at once: the lanes of the kernel."""
 GENTLER = 20
-"""Steps in which a plan is made gentler for the draws' sake: an eighth of its steering is left in the end."""
+"""Steps in which a plan is made gentler so that draws keep to limits: an eighth of its steering is left in the end."""
 PENALTY = 30.0
-"""Nats that a limit costs that is broken by its own size."""
+"""Cost, in nats, of exceeding a limit by 100 %."""
 SURE, HARDEST = 4, 4
-"""Chains that are made sure of beside the refined ones; draws that stand for all of them while a chain is refined."""
+"""Chains that are tested on draws beside the refined ones; draws that stand for all of them while a chain is
+refined."""
 SPARE = 0.97
-"""Share of limits that nominal motion may use: draws use the rest."""
+"""Share of limits that the nominal motion may use: draws use the rest."""
 BEYOND = {
     "grip": "an axle uses more of its friction than is allowed (grip)",
     "sideslip": "sideslip exceeds its limit (sideslip_max)",
@@ -71,16 +72,16 @@ BACKING = 0.5
 
 @dataclass(frozen=True)
 class FoundPlan:
-    """A plan.
+    """A plan with its value.
 
     Attributes
     ----------
-    phases : what it is chained of.
+    phases : of the chain.
     duration : s.
-    plan : as it goes with the nominal parameters.
-    placement : where it lies in the arena.
+    plan : motion with the nominal parameters.
+    placement : in the arena.
     worth : nats.
-    broken : by how much of itself the worst limit is broken; at most zero where none is.
+    broken : largest relative excess over a limit; at most zero where all are kept.
     """
 
     phases: tuple[Phase, ...]
@@ -100,13 +101,13 @@ class PlanSearch:
     model : of the vehicle.
     samples : of every explanation that may be true, (K, parameters) draws of what is uncertain; the plan is made with
         the first draw of the first one.
-    worth : what a plan is worth.
-    enough : worth beyond which no better plan is looked for.
-    pairs : that worth is asked of, each of which takes its time.
+    worth : rates plans.
+    enough : value beyond which no better plan is searched for.
+    pairs : number of pairs that `worth` compares, to which its time is proportional.
 
     Raises
     ------
-    BadInput : the model cannot say what a manoeuvre leads to, or nothing fits into the arena.
+    BadInput : the model cannot predict manoeuvres, or nothing fits into the arena.
     """
 
     def __init__(
@@ -136,7 +137,7 @@ class PlanSearch:
         tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth)
         kept, most = list[FoundPlan](), -np.inf
         for item in tried:
-            if kept and item.worth <= most:  # gentler, it is worth less still
+            if kept and item.worth <= most:  # made gentler, it would be worth even less
                 break
             made = self.sure(item)
             if made is not None:
@@ -167,11 +168,11 @@ class PlanSearch:
         )
 
     def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:
-        """A found plan with its corridor and the limits it uses up.
+        """The design of a found plan, with its corridor and the limits that it reaches.
 
         Parameters
         ----------
-        goal, more : as `Design` holds them.
+        goal, more : attributes of `Design`.
         """
         course, samples = self.course, self.samples[0]
         motion = course.driven(found_plan.plan, samples, follow=self.task.follow)
@@ -184,7 +185,7 @@ class PlanSearch:
         )  # fmt: skip
 
     def _used_up(self, found_plan: FoundPlan, motion: Array) -> tuple[str, ...]:
-        """Limits of which a plan leaves less than a twentieth, to the worst of the draws."""
+        """Limits of which a plan uses more than 95 %, for the worst of the draws."""
         limits, plan, tight = self.limits, found_plan.plan, strain(motion, self.limits)
         step = plan.time[1] - plan.time[0]
         change = np.diff(plan.of("v_x")) / step
@@ -202,7 +203,7 @@ class PlanSearch:
         return tuple(name for name, share in shares.items() if share >= 0.95)
 
     def sure(self, result: FoundPlan) -> FoundPlan | None:
-        """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
+        """The plan, made gentler until enough of the draws keep to the limits; None if they never do."""
         for _ in range(GENTLER):
             kept, guilty = self._holding(result, self.samples[0], NEEDED)
             if result.broken <= 0 and kept >= NEEDED:
@@ -222,15 +223,15 @@ class PlanSearch:
         return None
 
     def _holding(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
-        """Share of the draws that keep to all limits, and the phases in which these are broken first.
+        """Share of the draws that keep to all limits, and the phases in which others break one first.
 
-        All phases are to blame where the arena is left.
+        All phases are blamed where the arena is left.
 
         Parameters
         ----------
-        least : share below which it does not matter how many more do.
+        least : share below which the exact share does not matter.
         """
-        shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop is the last phase's
+        shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop counts as part of the last phase
         each = [found_plan.plan.phase == k for k in np.unique(found_plan.plan.phase)]
         for item in (P, *(other[: len(P)] for other in self.samples[1:])):
             held = 0
@@ -250,7 +251,7 @@ class PlanSearch:
         return min(shares), frozenset(guilty)
 
     def _outside(self, placement: Placement, motion: Array) -> float:
-        """By how much a path leaves the arena where the plan is laid, m; infinite where it is not finite."""
+        """By how much a path leaves the arena with the plan's placement, m; infinite where it is not finite."""
         x, y = motion[::5, AT["x"]], motion[::5, AT["y"]]
         if not np.all(np.isfinite(motion[:, [AT["x"], AT["y"]]])):
             return np.inf
@@ -261,7 +262,7 @@ class PlanSearch:
         room = np.array([self._sketched(*item) for item in drawn])
         counts = np.array([len(phases) for phases, _ in drawn])
         chosen = list[int]()
-        for count in range(1, MOST_PHASES + 1):  # of each length as many: short chains fit in easily
+        for count in range(1, MOST_PHASES + 1):  # as many of each length, as short chains fit more easily
             value = np.flatnonzero(counts == count)
             inside = value[room[value] <= 0]
             most = self._times(TRIED // MOST_PHASES)
@@ -320,7 +321,7 @@ class PlanSearch:
         return placed.outside + self.limits.margin
 
     def _mended(self, found_plan: FoundPlan) -> tuple[tuple[Phase, ...], float]:
-        """Gentler where tyres are asked for too much, slower or shorter where the arena is left."""
+        """The chain gentler where tyres are overused, slower or shorter where the arena is left."""
         worst = float(worst_strain(found_plan.plan.motion, self.limits)[0])
         gentler = 0.95 * SPARE / worst if np.isfinite(worst) and worst > SPARE else (1.0 if worst <= SPARE else 0.6)
         too_far = found_plan.placement.outside + self.limits.margin > 0
@@ -340,7 +341,7 @@ class PlanSearch:
         return phases, duration
 
     def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
-        """Plans of chains, simulated several at once, and by how much they break limits."""
+        """Plans of chains, several simulated at once, with their excess over limits."""
         plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
         result: dict[int, FoundPlan] = {}
@@ -377,7 +378,7 @@ class PlanSearch:
         return result
 
     def _refined(self, starts: Sequence[FoundPlan]) -> list[FoundPlan]:
-        """Chains refined by CMA-ES in their numbers: each for a heat, the best of them on; none that breaks limits."""
+        """Chains refined by CMA-ES: each for a heat, the best of them on; only those that keep to limits."""
         each = [_Refinement(self, start) for start in starts]
         heat, most = self._times(HEAT), self._times(GENERATIONS)
         for item in each:
@@ -393,7 +394,7 @@ class PlanSearch:
         return [item.best for item in each if item.best is not None]
 
     def _hardest(self, found_plan: FoundPlan) -> Array:
-        """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
+        """The hardest draws for a plan that have to keep to limits: if these do, enough of all draws do."""
         y = self.course.driven(found_plan.plan, self.samples[0], follow=self.task.follow)
         order = np.argsort(worst_strain(y, self.limits), kind="stable")
         last = int(np.ceil(NEEDED * len(order)))
@@ -429,7 +430,7 @@ class PlanSearch:
 
 
 def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
-    """The best chain of each number of phases, longer ones first: they hold the shorter ones as special cases."""
+    """The best chain of each number of phases, longer ones first: these include the shorter ones as special cases."""
     best: dict[int, FoundPlan] = {}
     for item in scored:
         best.setdefault(len(item.phases), item)
@@ -437,7 +438,7 @@ def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
 
 
 class _Refinement:
-    """A chain that is being refined; `best` is None as long as it breaks limits."""
+    """A chain that is being refined; `best` is None until limits are kept."""
 
     def __init__(self, search: PlanSearch, start: FoundPlan) -> None:
         self.search, self.start = search, start
@@ -447,11 +448,11 @@ class _Refinement:
 
     @property
     def worth(self) -> float:
-        """Of the best plan that keeps to all limits."""
+        """Value of the best plan that keeps to all limits."""
         return -np.inf if self.best is None else self.best.worth
 
     def go(self, generations: int) -> None:
-        """Refine it; until it is worth enough."""
+        """Refine the chain for some generations, or until its value is enough."""
         for _ in range(generations):
             if self.worth >= self.search.enough:
                 return

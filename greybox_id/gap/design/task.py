@@ -1,4 +1,4 @@
-"""What is asked of a design beside its goal, and what it then keeps to."""
+"""The task of a design apart from its goal, and the limits that plans are made with."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ SHORTEST, LONGEST = 2.0, 300.0
 """Durations of plans, s."""
 MOST_ROWS = 12_000
 ONE_AXLE, BOTH_AXLES = 0.4, 0.7
-"""Share of the friction that driving, by one axle, and braking, by both, use at most in plans."""
+"""Largest share of the friction that plans use for driving, by one axle, and for braking, by both."""
 
 
 @dataclass(frozen=True)
 class DesignTask:
-    """What is asked of a design beside its goal.
+    """The task of a design apart from its goal.
 
     Attributes
     ----------
-    arena, limits : where, and within what.
+    arena, limits : within which it has to stay.
     duration, rate : s at most, rows a second.
-    repeat : how often it is going to be driven.
+    repeat : how often the manoeuvre will be driven.
     seed : of everything random.
-    follow : whether a driver keeps the path; else commands are given as they stand.
-    effort : of the search, over what is usual.
+    follow : whether a driver keeps the path; else commands are given as planned.
+    effort : of the search, over the usual one.
     """
 
     arena: Arena
@@ -46,9 +46,9 @@ class DesignTask:
     effort: float = 1.0
 
     def cautious(self, vehicle: Handling, model: MotionModel, samples: Array) -> tuple[DesignTask, Handling]:
-        """The same, and the vehicle, with limits and grip that plans are made with.
+        """The task with limits, and the vehicle with grip, that plans are made with.
 
-        Where friction is hardly known, they start gentler.
+        Where friction is hardly known, plans begin gentler.
 
         Parameters
         ----------
