@@ -134,7 +134,7 @@ def prepare(
         if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
             continue
         concerned[name] = effect
-        if effect.parameter.name not in nominal:  # else it is there, as an effect or as a number of the equations
+        if effect.parameter.name not in nominal:  # else the model has it, as an effect or as a number of the equations
             everything = everything + effect.at(float(effect.parameter.array))
     if not concerned:
         raise BadInput(f"No effect acts on {model.name}: there is no cause to look for.")
@@ -204,7 +204,7 @@ def _indifferent(
         magnitude, timing = effect.parameter, effect.parameter.unit == "s" or not effect.gradual
         if name in OF_VARIANCE or name in model.effects or not effect.concerns(model):
             continue
-        if not effect.gradual and magnitude.unit not in ("s", "m"):  # what acts with its square needs no zone
+        if not effect.gradual and magnitude.unit not in ("s", "m"):  # effects that act with their square need no zone
             continue
         sd = size.get(magnitude.unit, scale * abs(effect.typical - float(magnitude.array)))
         row = CAL.timing * step if magnitude.unit == "s" else 0.0

@@ -220,6 +220,6 @@ class Sets:
                         tried.append(swap)
             scores = [self.score(item) for item in tried]
             k = int(np.argmax(scores))
-            if not scores[k] > score + 1e-6:  # nor where nothing is a number
+            if not scores[k] > score + 1e-6:  # stops at NaN, too
                 return best
             best, score = tried[k], scores[k]
