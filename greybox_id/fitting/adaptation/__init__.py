@@ -1,5 +1,5 @@
-"""A fit meets a car that has changed: a little of its new motion adapts the fit, or says that it need not change.
+"""Adapt a fit to a changed vehicle from a short new recording, or show that it need not change.
 
-What a new recording's own seconds cannot show is not adapted: every choice is made by blocked cross-validation on them,
-and the fit as it stands is always a candidate.
+Only what the new seconds identify is adapted: blocked cross-validation on them makes every choice, and the unchanged
+fit is always a candidate.
 """

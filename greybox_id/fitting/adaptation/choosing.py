@@ -1,9 +1,7 @@
-"""What a short recording says for each way of adapting a model to it, by blocked cross-validation on it alone.
+"""Ways of adapting a model with memory to a short recording, compared by blocked cross-validation on it alone.
 
-Everything is linearised about the fit once: a fold's fit is then the solution of a linear system, and comparing forty
-candidates on eight folds costs less than one step of a fit.
-
-Which parameters of a map with memory may move when it is adapted.
+Everything is linearised once at the fit: a fold's fit is then the solution of a linear system, and comparing forty
+candidates on eight folds costs less than one step of a fit. Also: sets of parameters to free in an adaptation.
 """
 
 from __future__ import annotations
@@ -28,25 +26,25 @@ from ..scores.memory import predictions
 from ..scores.timing import moving
 
 FEW = {"steering_ratio": ("yaw_rate", 0.1), "steering_offset": ("yaw_rate", 0.02), "motor_gain": ("a_x", 0.2)}
-"""Effects that stand for what changes on a car between two days: the output that tells each, and its prior's standard
-deviation about no change, in the effect's unit."""
+"""Effects that represent the changes of a car between two days: the output that identifies each, and its prior's
+standard deviation around no change, in the effect's unit."""
 RESPONSES = ("F", "F_y", "F_v", "F_t", "F_b")
 """Impulse responses of the networks."""
 PAPER = (*RESPONSES[:1], "G_1t", "b_1t", "G_2t", "G_1b", "b_1b", "G_2b", "m")
-"""What Mungiello et al. say they tuned: the impulse responses of the lateral network, the actuation network and the
-mass of the longitudinal one."""
+"""Parameters that Mungiello et al. report to have tuned: the impulse responses of the lateral network, the actuation
+network and the mass of the longitudinal one."""
 SUBSETS = ("F", "few", "paper", "physical", "all")
-"""Words for sets of parameters, besides names."""
+"""Names of sets of parameters."""
 COMPARED = ("few", "F", "all")
-"""Sets that are compared unless one is asked for, the fewest parameters first."""
+"""Sets that are compared by default, the fewest parameters first."""
 ADAPTING = "adaptation"
-"""Name of the strength of all priors of an adaptation."""
+"""Name of the strength of all priors in an adaptation."""
 PHYSICAL_SD = 0.1
-"""Standard deviation of an adapted number that had no prior, as a share of its size."""
+"""Prior standard deviation of an adapted parameter that had no prior, as a share of its size."""
 
 
 def part_with_few(part: MemoryModel) -> MemoryModel:
-    """A part with the effects of `FEW` that it is told by, at no change; what it has already stays its own."""
+    """A part with those effects of `FEW` that its outputs identify, at no change; effects it already has are kept."""
     for name, (output, sd) in FEW.items():
         effect = EFFECTS[name]
         if output in part.outputs and name not in part and effect.concerns(part):
@@ -59,10 +57,10 @@ def part_with_few(part: MemoryModel) -> MemoryModel:
 
 
 def about_itself(part: MemoryModel) -> MemoryModel:
-    """The same model with all its priors about its own values: how far they moved is what is weighed.
+    """The same model with all prior means at its present values, so that priors penalise changes.
 
-    Shapes of priors stay: impulse responses change smoothly, and most where they are youngest. Parameters of runs are
-    fixed for all runs alike, and no run is mirrored: a car may have come to pull to one side.
+    Shapes of priors stay: impulse responses change smoothly, and most at the newest samples. Run-scoped parameters are
+    fixed and become model-scoped, and no run is mirrored: a changed car may pull to one side.
     """
     return replace(
         part.with_parameters(*(_about_itself(parameter, part) for parameter in part.parameters)), symmetric=False
@@ -72,7 +70,7 @@ def about_itself(part: MemoryModel) -> MemoryModel:
 def _about_itself(parameter: Parameter, part: MemoryModel) -> Parameter:
     if parameter.scope == "run" or (parameter.name in part.effects and parameter.name not in FEW):
         return replace(parameter, scope="model", fixed=True)
-    parameter = replace(parameter, fixed=False)  # the closed loop of a coupled model holds some
+    parameter = replace(parameter, fixed=False)  # the closed loop of a coupled model fixes some
     if parameter.prior is None:
         return replace(
             parameter, prior=Prior(PHYSICAL_SD * abs(parameter.array) + 1e-6, mean=parameter.array, strength=ADAPTING)
@@ -81,7 +79,7 @@ def _about_itself(parameter: Parameter, part: MemoryModel) -> Parameter:
 
 
 def members(subset: str, part: MemoryModel) -> tuple[str, ...]:
-    """Names of the parameters of a part that a set holds; of none, where the part has none of them."""
+    """Names of a part's parameters that belong to a set; empty if there are none."""
     free = [parameter for parameter in part.parameters if not parameter.fixed]
     words = {
         "F": [item.name for item in free if item.name in RESPONSES],
@@ -98,7 +96,7 @@ def members(subset: str, part: MemoryModel) -> tuple[str, ...]:
 
 
 def must_name_something(subset: str, parts: Sequence[MemoryModel]) -> None:
-    """Raise `BadInput` for a word that is no set and no parameter of any part."""
+    """Raise `BadInput` for a name that is neither a set nor a parameter of any part."""
     for word in subset.split(","):
         if not any(members(word, part) for part in parts):
             known = [
@@ -115,11 +113,10 @@ def must_name_something(subset: str, parts: Sequence[MemoryModel]) -> None:
 def learnt(
     part: MemoryModel, noise: Mapping[str, float], sd: Mapping[str, Array], trained: Sequence[Recording] | None
 ) -> Array:
-    """Precision of a part's parameters by its training data alone, (parameters, parameters), about its own values.
+    """Precision of a part's parameters from its training data alone, (parameters, parameters), around its values.
 
-    The curvature of the training data's sum of squares. Without the data, what the fit's standard deviations say of
-    each weight by itself. Of the few effects that stand for a change of
-    the car, the old data say nothing.
+    It is the Gauss-Newton Hessian of the training data's sum of squares. Without the data it is diagonal, from the
+    fit's standard deviations. For the effects in `FEW` it is zero: the old data do not inform on changes of the car.
     """
     few = np.concatenate([np.full(parameter.size, parameter.name in FEW) for parameter in part.parameters])
     if trained is None:
@@ -135,12 +132,12 @@ def learnt(
 
 
 class Held(Problem):
-    """A problem that is held to a point by what was learnt before, as a quadratic.
+    """A problem with a quadratic penalty on deviations from a point, from earlier training.
 
     Parameters
     ----------
-    part, recording, noise : as of `Problem`.
-    precision : (parameters, parameters) about the part's own values.
+    part, recording, noise : as in `Problem`.
+    precision : (parameters, parameters) of the penalty, around the part's values.
     """
 
     def __init__(self, part: MemoryModel, recording: Recording, noise: Array, precision: Array) -> None:
@@ -148,12 +145,12 @@ class Held(Problem):
         self._precision, self._about = precision, part.values
 
     def objective(self, x: Array, nodes: Nodes) -> float:
-        """Half the sum of squares, and what moving away from the point costs."""
+        """Half the sum of squares, penalty included."""
         away = x - self._about
         return super().objective(x, nodes) + 0.5 * float(away @ self._precision @ away)
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
-        """Those of the problem with the quadratic."""
+        """Normal equations, penalty included."""
         value = super().normal_equations(x, nodes)
         free = self.free.astype(float)
         precision = self._precision * np.outer(free, free)
@@ -161,16 +158,16 @@ class Held(Problem):
 
 
 STRENGTHS = (1.0, 0.5, 0.2)
-"""What the old recording counts beside the new one, as a factor on its standard deviations: at one, a second of it
-tells the car as well as a new second does. Infinity, the fit itself, is the candidate that is always there."""
+"""Weights of the old recording relative to the new one, as factors on its inverse standard deviations: at one, a second
+of it counts as much as a new second. The unchanged fit, with an infinite weight, is always a candidate."""
 FOLD, GAP, SHORT = 5.0, 1.0, 1.0
-"""Seconds held out at a time, left out beside them, and that count as one piece where candidates are compared."""
+"""Seconds held out at a time, dropped on both sides of them, and averaged into one piece for comparing candidates."""
 CONFIDENCE = 0.95
 BETWEEN_RUNS = 0.25
-"""Standard deviation of the logarithm of an error between runs of one car and driver: what the four runs of the
-RoboRacer's training recording scatter about their own network, 0.089, 0.080, 0.056 and 0.055 rad/s."""
+"""Standard deviation of the logarithm of an error between runs of one car and driver: the scatter of the four runs of
+the RoboRacer's training recording, with errors of 0.089, 0.080, 0.056 and 0.055 rad/s under their own network."""
 TOLD_BY = 3
-"""Degrees of freedom that this counts for beside a fit's own training runs: it is told by four runs."""
+"""Degrees of freedom of this value when it is combined with a fit's own training runs: it comes from four runs."""
 
 
 @dataclass(frozen=True)
@@ -179,10 +176,10 @@ class AdaptedCandidate:
 
     Attributes
     ----------
-    free : the set of parameters that moves; "" for none.
-    strength : of what the training data said, one of `STRENGTHS`; infinite where nothing moves.
+    free : the set of free parameters; "" for none.
+    strength : weight of the training data, one of `STRENGTHS`; infinite if nothing is free.
     timing : whether readings are aligned first.
-    pieces : (pieces,) cross-validated mean square of pieces of the new seconds, in noise variances.
+    pieces : (pieces,) cross-validated mean square over pieces of the new seconds, in noise variances.
     """
 
     free: str
@@ -197,7 +194,7 @@ class AdaptedCandidate:
 
     @property
     def words(self) -> str:
-        """As a person says it."""
+        """The candidate in words."""
         named = [
             *(["timing"] if self.timing else []),
             *([f"{self.free} (strength {self.strength:g})"] if self.free else []),
@@ -206,14 +203,14 @@ class AdaptedCandidate:
 
 
 class LinearisedPart:
-    """A part about its own values on the new seconds.
+    """A part, linearised at its values on the new seconds.
 
     Parameters
     ----------
-    part : with priors about its own values.
-    recording : its new seconds; rows without readings are left out.
-    noise : output -> standard deviation that residuals count as.
-    learnt : (parameters, parameters) what the training data said about the part, as a precision.
+    part : the part, with prior means at its values.
+    recording : its new seconds; rows without readings are dropped.
+    noise : output -> standard deviation by which residuals are divided.
+    learnt : (parameters, parameters) precision of the part's parameters from the training data.
     """
 
     def __init__(self, part: MemoryModel, recording: Recording, noise: Mapping[str, float], learnt: Array) -> None:
@@ -233,17 +230,17 @@ class LinearisedPart:
         self.gap = round(GAP * per)
 
     def _cut(self, starts: Sequence[int], length: int) -> Index:
-        """Number of the stretch of so many rows that a row lies in, counted within runs."""
+        """Number of the stretch of `length` rows that each row lies in, counted within runs."""
         key = self.run * 10**6 + (self.rows - np.array(starts)[self.run]) // max(1, length)
         return np.asarray(np.unique(key, return_inverse=True)[1])
 
     def mask(self, free: str) -> Array:
-        """(parameters,) whether a parameter of a set moves."""
+        """(parameters,) whether a parameter belongs to a set."""
         names = members(free, self.part) if free else ()
         return np.concatenate([np.full(parameter.size, parameter.name in names) for parameter in self.part.parameters])
 
     def candidates(self, free: str, timing: bool) -> list[AdaptedCandidate]:
-        """Every strength of a set, cross-validated; the fit itself where the set is empty."""
+        """Every strength of a set, cross-validated; the unchanged fit for the empty set."""
         moving = self.mask(free)
         if not np.any(moving):
             return [] if free else [AdaptedCandidate("", np.inf, timing, self._pieces(self.r))]
@@ -273,10 +270,10 @@ def _solved(H: Array, b: Array) -> Array:
 
 
 def chosen(candidates: Sequence[AdaptedCandidate]) -> AdaptedCandidate:
-    """The best one, or the simplest that is not surely worse; candidates in order, the simplest first.
+    """The best candidate, or the simplest one that is not significantly worse; candidates are in order of simplicity.
 
-    Simpler is what moves fewer parameters, and of one set what is held more to what was learnt. It is preferred to the
-    best where the difference of their pieces is not above its standard error.
+    Simpler candidates have fewer free parameters or, for the same set, a larger weight of the training data. A simpler
+    one is preferred if the mean difference of its pieces to the best is within its standard error.
     """
     best = min(candidates, key=lambda item: float(np.mean(item.pieces)))
     return next(
@@ -285,7 +282,7 @@ def chosen(candidates: Sequence[AdaptedCandidate]) -> AdaptedCandidate:
 
 
 def surely_better(new: Array, old: Array) -> bool:
-    """Whether pieces fall by more than the standard error of their paired difference."""
+    """Whether the mean over pieces falls by more than the standard error of the paired difference."""
     if len(new) != len(old):
         return bool(np.mean(new) < np.mean(old))
     gain = old - new
@@ -293,7 +290,7 @@ def surely_better(new: Array, old: Array) -> bool:
 
 
 def between_runs(part: MemoryModel, trained: Sequence[Recording] | None) -> float:
-    """Standard deviation of the logarithm of an error between runs: what training runs tell, beside `BETWEEN_RUNS`."""
+    """Standard deviation of the logarithm of an error between runs, from the training runs and `BETWEEN_RUNS`."""
     logs = []
     for recording in trained or ():
         seen = predictions(part, recording)
@@ -311,10 +308,10 @@ def between_runs(part: MemoryModel, trained: Sequence[Recording] | None) -> floa
 
 
 def foretold(pieces: Array, seconds: float, unit: float = 1.0, between: float = BETWEEN_RUNS) -> tuple[float, float]:
-    """95 % interval of the root mean square over so many further seconds, from the pieces that are known, in units.
+    """95 % interval of the root mean square error over `seconds` of further driving, in `unit`, from known pieces.
 
-    Their mean squares scatter about a mean that is not known better than they tell, and what follows may be another
-    run: Student's t in their logarithm. The known pieces' run is off the usual as that other one is, by `between` each.
+    Mean squares scatter around a mean that is itself uncertain, and the further driving may be another run: Student's t
+    in the logarithm. The known run and the further one each deviate from the usual by `between`.
     """
     length = round(FOLD / 2 / SHORT)
     count = len(pieces) // length

@@ -1,4 +1,4 @@
-"""Hybrids adapted to the first seconds of a changed vehicle: what other tyres differ by."""
+"""Adapt hybrid models to the first seconds of a changed vehicle: the factors by which tyres differ."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .verb import Adaptation, AdaptTask, adapted
 
 @adapted.register(HybridModel)
 def _adapted_hybrid(model: HybridModel, task: AdaptTask) -> Adaptation:
-    """`free`: "auto" or "all", what tyres differ by, or names of some, with commas."""
+    """`free`: "auto" or "all", all factors by which tyres differ, or names of some, with commas."""
     if not model.carried_on:
         raise BadInput(
             f"A fit of {model.name} cannot be adapted: it holds no covariance. Without a covariance, nothing keeps "

@@ -1,4 +1,4 @@
-"""Adapting models with memory: what moves, how strongly it is held, and whether time is aligned, part by part."""
+"""Adapt models with memory, part by part: which parameters are free, with which prior, and whether time is aligned."""
 
 from __future__ import annotations
 
@@ -50,12 +50,12 @@ from .choosing import (
 from .verb import Adaptation, AdaptTask, Outcome, adapted, moved_from, parted
 
 STEPS = 12
-"""Steps of the final fit: it starts where it nearly is."""
+"""Steps of the final fit, which starts near its optimum."""
 
 
 @dataclass(frozen=True)
 class _Way:
-    """What is done to a part: the candidate, and the part's model after it."""
+    """An adapted part: the candidate, and the part's model."""
 
     candidate: AdaptedCandidate
     model: MemoryModel
@@ -64,9 +64,9 @@ class _Way:
 
 
 def tuned_in_sample(fit: Fit, recording: Recording) -> dict[str, dict[str, float]]:
-    """Pooled errors on a recording after all weights were tuned on it, by the shapes of their priors alone: no test.
+    """Pooled errors on a recording after tuning all weights on it, with the shapes of their priors only: no test.
 
-    That is what the paper's table of adaptations holds: nothing is held out, and nothing of the old car is kept.
+    This is the content of the paper's table of adaptations: nothing is held out, and nothing of the old car is kept.
     """
     model = must_have_timing(fit.model)
     noise = residual_noise(fit, recording)
@@ -163,7 +163,7 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
 
 
 def _candidates(as_it_is: LinearisedPart, moved: LinearisedPart, free: str) -> list[AdaptedCandidate]:
-    """Zero-shot first, then timing if it helps surely, then sets of parameters on top of that."""
+    """Zero-shot first, then timing, then sets of parameters, on aligned readings if timing helps significantly."""
     (zero,) = as_it_is.candidates("", timing=False)
     (timing,) = moved.candidates("", timing=True)
     helps = surely_better(_common(timing, zero), _common(zero, timing))
@@ -179,7 +179,7 @@ def _common(one: AdaptedCandidate, other: AdaptedCandidate) -> Array:
 
 
 def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _Way:
-    """The part adapted as a candidate says, now without linearising."""
+    """The part adapted as a candidate describes, without linearisation."""
     part = linearised.part
     if not candidate.free:
         return _Way(candidate, part, {})
@@ -211,7 +211,7 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
 
 
 def _continues(recording: Recording, cut: int) -> bool:
-    """Whether a run goes on across a row."""
+    """Whether a run continues across a row."""
     return any(start < cut < stop for start, stop in recording.runs)
 
 
@@ -223,10 +223,10 @@ def _rest_delays(
     going_on: RunDelay | None,
     timing: bool,
 ) -> list[RunDelay]:
-    """Delays of the rest's runs.
+    """Delays of the runs after the new seconds.
 
-    The run that goes on keeps the delay that the new seconds told, where it is used; other runs have none, or tell
-    theirs in their own first seconds, which are then not scored.
+    The run that continues keeps the delay estimated from the new seconds, if it is used; other runs have none, or
+    one estimated from their own first seconds, which are then not scored.
     """
     delays = [] if calibrate is None else run_delays(part, rest, noise, calibrate)
     if going_on is None or not (calibrate is not None or timing):
@@ -250,7 +250,7 @@ def _in_sample(
     delays: Mapping[str, Sequence[RunDelay]],
     ways: Mapping[str, _Way],
 ) -> dict[str, dict[str, float]]:
-    """Pooled errors on what was adapted to, with the paper's fraction of variance unexplained for that."""
+    """Pooled errors on the data of the adaptation, with the fraction of variance unexplained as in the paper."""
     result: dict[str, dict[str, float]] = {}
     for part in parts:
         name, value = part.outputs[0], _part_of(model, part)
@@ -261,12 +261,12 @@ def _in_sample(
 
 
 def _part_of(model: MemoryModel, part: MemoryModel) -> MemoryModel:
-    """The part of a whole that predicts what a part does, at the whole's values."""
+    """The whole model's part with the outputs of `part`, at the whole model's values."""
     return next(item for item in parts_of(model) if item.outputs == part.outputs)
 
 
 def _whole(model: MemoryModel, ways: Sequence[_Way]) -> MemoryModel:
-    """The whole model at the values of its parts, with the effects that moved."""
+    """The whole model at the values of its parts, with the effects that changed."""
     values = {parameter.name: parameter for way in ways for parameter in way.model.parameters if way.candidate.free}
     for name in FEW:
         if name in values and name not in model and float(values[name].array) != values[name].null:

@@ -1,9 +1,9 @@
-"""Equations of motion adapted to the first seconds of a changed vehicle: its parameters, with the old fit as prior.
+"""Adapt equations of motion to the first seconds of a changed vehicle, with the old fit as prior.
 
-A parameter's standard deviation in the fit says what the old recordings told of it; what they count beside the new one
-is chosen as for maps with memory, by blocked cross-validation on the new seconds, and so is whether anything moves.
-
-Of hybrids move the factors by which other tyres differ, each with its own prior; they are compared in free run.
+A parameter's standard deviation in the fit is the information of the old recordings; its weight relative to the new
+recording is chosen as for models with memory, by blocked cross-validation on the new seconds, and so is whether
+anything changes. For hybrid models, the factors by which tyres differ are free, each with its own prior; they are
+compared in free run.
 """
 
 from __future__ import annotations
@@ -33,24 +33,23 @@ from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, for
 from .verb import Adaptation, AdaptTask, Outcome, adapted, moved_from, parted
 
 Equations = MotionModel | HybridModel
-"""What is adapted."""
+"""Models that are adapted here."""
 AHEAD = 0.5
-"""Seconds ahead at which the old and the adapted model are compared."""
+"""Horizon, s, for comparing the old and the adapted model."""
 LEAST_SECONDS = 2.0
-"""Seconds of an unbroken stretch that is fitted to."""
+"""Shortest unbroken stretch, s, that is fitted to."""
 ESTIMATED = "estimated parameters"
-"""What moves unless parameters are named."""
+"""Name of the default set of free parameters."""
 
 
 def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
-    """Adapt a fit of equations of motion, or of a hybrid whose `carried_on` move.
+    """Adapt a fit of equations of motion, or of a hybrid model with `carried_on` parameters.
 
     `free`: "auto" or "all", the parameters that the fit estimated, or names of some, with commas.
 
     Raises
     ------
-    BadInput : a signal is missing, the recording is too short, a name stands for nothing, or the fit holds no
-        uncertainty.
+    BadInput : a signal is missing, the recording is too short, a name is unknown, or no standard deviation is known.
     """
     clock = time.process_time()
     fit, recording, seconds, free, validate, say = (
@@ -120,7 +119,7 @@ adapted.register(MotionModel)(adapted_motion)
 
 
 def _free(fit: Fit, free: str) -> tuple[str, ...]:
-    """Names of the parameters that move."""
+    """Names of the free parameters."""
     if isinstance(fit.model, HybridModel):
         known = list(fit.model.carried_on)
     else:
@@ -146,7 +145,7 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
 
 
 def _how(fit: Fit) -> FitOptions:
-    """As the fit was made, without its certificate and its further starts."""
+    """Options of the fit, without its certificate and its further starts."""
     known: Mapping[str, Any] = fit.how
     if isinstance(fit.model, HybridModel):
         return FitOptions(
@@ -160,7 +159,7 @@ def _how(fit: Fit) -> FitOptions:
 
 
 def _about(model: Equations, fit: Fit, names: Sequence[str], strength: float) -> Equations:
-    """The model with what the old recordings told as priors of the parameters that move; the others are held."""
+    """The model with the old fit as prior of the free parameters; the others are fixed."""
     if isinstance(model, HybridModel):
         return replace(model, carried_on=tuple(names))
     return model.with_parameters(*(_prior(parameter, fit, names, strength) for parameter in model.parameters))
@@ -185,7 +184,7 @@ Folds = Sequence[tuple[list[Recording], Recording]]
 
 
 def _folds(new: Recording) -> Folds:
-    """What is fitted to, and what is held out, of every stretch of some seconds."""
+    """Recordings to fit to and the held-out one, for every stretch of some seconds."""
     per, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
     result = []
     for first, last in new.runs:
@@ -201,7 +200,7 @@ def _folds(new: Recording) -> Folds:
 
 
 def _unbroken(recording: Recording) -> list[Recording]:
-    """Its runs that are long enough."""
+    """The recording's runs that are long enough."""
     if len(recording) < 2:
         return []
     least = round(LEAST_SECONDS / recording.sample_time) + 1
@@ -215,7 +214,7 @@ def _fitted(held: Equations, train: Sequence[Recording], how: FitOptions) -> Equ
 
 
 def _seen(model: Equations, recording: Recording) -> Any:
-    """Predictions of a model's outputs some time ahead, of a hybrid in free run."""
+    """Predictions of a model's outputs over the horizon; for a hybrid model in free run."""
     if isinstance(model, HybridModel):
         return simulate(model, recording)
     predictor = Predictor(Simulator(model), recording, model.values)
@@ -228,7 +227,7 @@ def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
 
 
 def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Array]:
-    """Output -> mean square error in short pieces of what was held out."""
+    """Output -> mean square error over short pieces of the held-out data."""
     result: dict[str, list[float]] = {}
     for (_, held), model in zip(folds, models, strict=True):
         seen: Prediction = _seen(model, held)
@@ -244,7 +243,7 @@ def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Arr
 
 
 def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
-    """Mean square over the outputs, in what the fit as it was errs by; outputs read in as many pieces count."""
+    """Mean square over the outputs, relative to the unchanged fit's; cut to the pieces that all outputs have."""
     count = min(len(squares[name]) for name in scale)
     return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
 

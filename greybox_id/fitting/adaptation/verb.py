@@ -1,7 +1,4 @@
-"""The verb `adapt`: a fit, a new recording of a car that may have changed, and what of the fit is to change with it.
-
-What an adaptation found.
-"""
+"""The verb `adapt`: adapt a fit to a new recording of a car that may have changed; `Adaptation` is its result."""
 
 from __future__ import annotations
 
@@ -22,18 +19,18 @@ from ..scores.timing import calibrated_seconds, moving, must_have_timing
 from ..scores.verdict import doubted
 
 MOVED = 2.0
-"""A parameter has moved beyond so many of its standard deviations in the fit."""
+"""Change of a parameter, in its standard deviations in the fit, beyond which it counts as moved."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a model does after the new seconds.
+    """Performance of a model after the new seconds.
 
     Attributes
     ----------
-    name : what was done to the fit.
-    rest : output -> error on what follows them; empty where nothing does.
-    interval : output -> 95 % interval in which that error was expected before it was seen.
+    name : how the fit was adapted.
+    rest : output -> error on the data after them; empty if there are none.
+    interval : output -> 95 % interval in which that error was expected beforehand.
     """
 
     name: str
@@ -41,7 +38,7 @@ class Outcome:
     interval: Mapping[str, tuple[float, float]]
 
     def as_dict(self) -> dict[str, Any]:
-        """As plain data; errors pooled, no window across a join."""
+        """Plain data; errors pooled, without windows across joins."""
         return {
             "name": self.name,
             "rest": {
@@ -54,22 +51,22 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Adaptation:
-    """What `adapt` found.
+    """Result of `adapt`.
 
     Attributes
     ----------
-    fit : the model as chosen, as a fit.
-    chosen, zero_shot, adapted : how the choice, the fit as it was, and the best that was not the fit as it was do on
-        the rest.
-    choices : output -> what was chosen for it, in words.
+    fit : the chosen model, as a fit.
+    chosen, zero_shot, adapted : performance on the rest of the choice, of the unchanged fit, and of the best candidate
+        other than the unchanged fit.
+    choices : output -> the chosen candidate, in words.
     tried : output -> candidates with their cross-validated error, in noise standard deviations.
-    delays : run of the new seconds -> output -> s by which readings are late; empty where time was not adapted.
-    calibrated : the same of the rest's runs where that was asked for.
-    moved : parameter -> how many of its entries moved beyond two of their standard deviations.
-    seconds : of motion that were adapted to.
-    in_sample : output -> pooled error on the new seconds themselves, as the paper tells it; no test.
-    cpu_seconds : s.
-    doubts : sentences on why the recordings are not to be trusted, which come before everything else.
+    delays : run of the new seconds -> output -> delay of its readings, s; empty if time was not aligned.
+    calibrated : the same for the rest's runs, if requested.
+    moved : parameter -> number of its entries that changed by more than two of their standard deviations.
+    seconds : seconds of motion used for the adaptation.
+    in_sample : output -> pooled error on the new seconds themselves, as in the paper; no test.
+    cpu_seconds : CPU time, s.
+    doubts : sentences on why the recordings may be unreliable, to be shown first.
     """
 
     fit: Fit
@@ -87,7 +84,7 @@ class Adaptation:
     doubts: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it but the fit, as plain data."""
+        """All but the fit, as plain data."""
         return {
             "model": self.fit.model.name,
             "seconds": self.seconds,
@@ -106,7 +103,7 @@ class Adaptation:
 
 
 def moved_from(fit: Fit, final: Model) -> dict[str, int]:
-    """How many entries of each parameter are off by more than `MOVED` of their standard deviations in the fit."""
+    """Number of entries of each parameter that differ from the fit by more than `MOVED` standard deviations."""
     result = {}
     for parameter in final.parameters:
         if parameter.name not in fit.model:
@@ -121,11 +118,11 @@ def moved_from(fit: Fit, final: Model) -> dict[str, int]:
 
 
 def parted(recording: Recording, seconds: float) -> tuple[Recording, Recording | None]:
-    """The rows until so many seconds of motion are over, and the rest; None where nothing is left.
+    """The rows up to the end of the given seconds of motion, and the rest; None if nothing remains.
 
     Raises
     ------
-    BadInput : the recording holds less motion than that.
+    BadInput : the recording contains less motion than that.
     """
     recording.must_run()
     count = np.cumsum(moving(recording))
@@ -142,12 +139,12 @@ def parted(recording: Recording, seconds: float) -> tuple[Recording, Recording |
 
 @dataclass(frozen=True)
 class AdaptTask:
-    """What is adapted to, and how; as of `adapt`, but for the seconds of motion that tell a run's delay.
+    """Arguments of `adapt`, with `calibrate` as a number.
 
     Attributes
     ----------
-    fit, recording, seconds, free, validate, trained, say : as of `adapt`.
-    calibrate : s of motion in which every run that is scored tells its delay; None for none.
+    fit, recording, seconds, free, validate, trained, say : as in `adapt`.
+    calibrate : seconds of motion from which the delay of every scored run is estimated; None for none.
     """
 
     fit: Fit
@@ -162,7 +159,7 @@ class AdaptTask:
 
 @by_kind
 def adapted(model: Model, task: AdaptTask) -> Adaptation:
-    """A fit's model adapted as its kind is; of kinds that keep no uncertainty, none."""
+    """Adapt a fit by the method of its model's kind; kinds without standard deviations cannot be adapted."""
     raise BadInput(
         f"A fit of {model.name} cannot be adapted: it keeps no uncertainty. Without it, nothing keeps parameters "
         f"near their estimates if the new data do not excite them. Fit it to the new recording together with "
@@ -181,27 +178,28 @@ def adapt(
     trained: Sequence[Recording] | None = None,
     say: Say = quiet,
 ) -> Adaptation:
-    """Adapt a fit of a map with memory, or of equations of motion, to the first seconds of a new recording.
+    """Adapt a fit of a model with memory, or of equations of motion, to the first seconds of a new recording.
 
-    The estimate is the most likely one with priors about the fit, of the shapes that the model's own priors have, and
-    of a strength that blocked cross-validation on the new seconds alone chooses, as it chooses what moves and whether
-    time is aligned. The fit as it was is always a candidate. Equations of motion: see `motion`.
+    The estimate is the posterior mode with prior means at the fit and the shapes of the model's own priors. Blocked
+    cross-validation on the new seconds alone chooses the strength of the priors, the free parameters and whether time
+    is aligned. The unchanged fit is always a candidate. For equations of motion see `motion`.
 
     Parameters
     ----------
-    seconds : of motion to adapt to.
-    free : "auto", or which parameters move: "F", "few", "paper", "physical", "all", names, several with commas.
-    validate : what is scored in place of the rest of the recording.
-    calibrate : "timing" or "timing=8s": every run that is scored tells its delay in its first 5 s, or 8 s, of motion,
-        which are then not scored.
-    trained : the recordings that the fit was made from, where they are at hand: what they say of a weight that the new
-        seconds hardly move keeps it. Without them, its standard deviation stands in.
-    say : told what is being done, and why the recordings are not to be trusted, if they are not.
+    fit : the fit.
+    recording : the new recording.
+    seconds : seconds of motion to adapt to.
+    free : "auto", or the free parameters: "F", "few", "paper", "physical", "all", names, several with commas.
+    validate : recording to score instead of the rest of the new one.
+    calibrate : "timing" or "timing=8s": the delay of every scored run is estimated from its first 5 s, or 8 s, of
+        motion, which are then not scored.
+    trained : the fit's training recordings, if available: their information keeps weights that the new seconds hardly
+        inform. Without them, the fit's standard deviations replace them.
+    say : receives progress, and warnings if the recordings may be unreliable.
 
     Raises
     ------
-    BadInput : the fit is of another kind, the recording lacks a signal or is shorter than that, a word stands for
-        nothing.
+    BadInput : the fit is of another kind, the recording lacks a signal or is too short, or a name is unknown.
     """
     if not (isinstance(seconds, int | float) and 0 < seconds < np.inf):
         raise BadInput(f"‹seconds›: a number above zero is needed, not {seconds!r:.40}.")

@@ -1,1 +1,1 @@
-"""What recordings leave open about a fit's parameters: draws of their posterior, and what follows from them."""
+"""Draws from the posterior of a fit's parameters, and predictions with them."""

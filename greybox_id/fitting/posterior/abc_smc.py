@@ -1,9 +1,9 @@
 """Approximate Bayesian computation by sequential Monte Carlo: particles whose simulations come closer and closer.
 
-A population is perturbed and simulated, all particles side by side; those nearer to the recordings than a threshold
-make the next one. Thresholds follow from trial particles so that the acceptance is that of the schedule. The normal
-kernel has twice the weighted covariance of the population it perturbs, and the same kernel stands in the weights;
-priors are cut at the parameters' bounds.
+A population is perturbed and simulated, all particles side by side; those closer to the recordings than a threshold
+make the next one. Thresholds follow from trial particles such that the acceptance is that of the schedule. The normal
+kernel has twice the weighted covariance of the population it perturbs, and the same kernel is in the weights;
+priors are truncated at the parameters' bounds.
 
 Sources: Toni et al., Approximate Bayesian computation scheme for parameter inference and model selection in dynamical
 systems, J. R. Soc. Interface 6 (2009); Filippi et al., On optimality of kernels for ABC-SMC, Stat. Appl. Genet. Mol.
@@ -30,17 +30,17 @@ Away = Callable[[Array], Array]
 TARGETS = (0.75, 0.65, 0.55, 0.45, 0.35, 0.25, 0.15, 0.05, 0.025, 0.01)
 """Acceptance of the populations after the first, as published."""
 PILOT = 1000
-"""Trial particles that set a threshold; at least so many over the target that forty are accepted."""
+"""Trial particles that set a threshold; more if needed for FEWEST_ACCEPTED accepted ones."""
 FEWEST_ACCEPTED = 40
 BATCH = 250
-"""Particles simulated between two looks at the clock."""
+"""Particles simulated per batch, between progress reports."""
 HOPELESS = 0.2
-"""A population whose acceptance falls below this share of its target ends the run where it stands."""
+"""Share of its target below which a population's acceptance ends the run with the previous population."""
 RIDGE = 1e-9
 
 
 class ParticlePrior(NamedTuple):
-    """Of one coordinate: normal about a mean, or even where sd is infinite; cut at its bounds."""
+    """Prior of one coordinate: normal, or uniform if sd is infinite; truncated at its bounds."""
 
     mean: float
     sd: float
@@ -50,15 +50,15 @@ class ParticlePrior(NamedTuple):
 
 @dataclass(frozen=True)
 class ParticleSet:
-    """Particles.
+    """A population of weighted particles.
 
     Attributes
     ----------
-    number : 0 is drawn from the prior.
-    at : (n, d).
+    number : number of the population; 0 is drawn from the prior.
+    at : (n, d) coordinates.
     weight : (n,) sums to one.
-    distance : (n,).
-    threshold : below which every distance lies.
+    distance : (n,) distances from the recordings.
+    threshold : upper limit of all distances.
     acceptance : share of the simulated particles that were accepted.
     """
 
@@ -72,7 +72,7 @@ class ParticleSet:
 
 @dataclass(frozen=True)
 class Growing:
-    """A population in the making: what it is made from, and what was accepted so far after so many batches."""
+    """A population under construction: its source, and the particles accepted so far after so many batches."""
 
     source: ParticleSet
     threshold: float
@@ -83,11 +83,11 @@ class Growing:
 
 
 def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
-    """What is known of each coordinate before the recordings.
+    """The prior of each coordinate.
 
     Raises
     ------
-    BadInput : a parameter has neither a prior nor finite bounds, or has one that is not of single numbers.
+    BadInput : a parameter has neither a prior nor finite bounds, or its prior correlates several numbers.
     """
     result = []
     for one, low, high in zip(density.coordinates, *density.bounds, strict=True):
@@ -115,7 +115,7 @@ def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
 
 
 def drawn(priors: Sequence[ParticlePrior], count: int, rng: np.random.Generator) -> Array:
-    """(count, d) from the priors."""
+    """(count, d) draws from the priors."""
     columns = []
     for prior in priors:
         u = rng.uniform(size=count)
@@ -129,12 +129,12 @@ def drawn(priors: Sequence[ParticlePrior], count: int, rng: np.random.Generator)
 
 
 def log_prior(priors: Sequence[ParticlePrior], at: Array) -> Array:
-    """(n,) up to a constant, within bounds."""
+    """(n,) log density of the priors within bounds, up to a constant."""
     return np.asarray(sum(-0.5 * ((at[:, k] - prior.mean) / prior.sd) ** 2 for k, prior in enumerate(priors)))
 
 
 class Distances:
-    """How far simulations are from the recordings, outputs in units of their spread over the recordings.
+    """Distances of simulations from the recordings, outputs scaled by their standard deviation over the recordings.
 
     "pooled": root mean square over all rows and outputs. "trajectories": the mean over trajectories of each one's root
     mean square over rows, averaged over outputs, as free runs are scored in the publication.
@@ -164,11 +164,11 @@ class Distances:
 
 
 def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: int) -> ParticleSet:
-    """Drawn from the priors, so many of which the model is finite.
+    """A population drawn from the priors, with finite simulations.
 
     Raises
     ------
-    BadInput : it hardly is anywhere.
+    BadInput : hardly any simulation is finite.
     """
     at, away, tried = np.empty((0, len(priors))), np.empty(0), 0
     for batch in range(100):
@@ -186,9 +186,7 @@ def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: in
 
 
 class PerturbationKernel:
-    """Perturbs a population, and says how dense perturbed particles are: a normal kernel, cut at the priors' bounds by
-    drawing again.
-    """
+    """Perturbs a population by a normal kernel, truncated at the priors' bounds by drawing again; gives its density."""
 
     def __init__(self, source: ParticleSet, priors: Sequence[ParticlePrior]) -> None:
         self._source = source
@@ -204,7 +202,7 @@ class PerturbationKernel:
         self._high = np.array([prior.high for prior in priors])
 
     def perturbed(self, count: int, rng: np.random.Generator) -> Array:
-        """(count, d) within bounds."""
+        """(count, d) perturbed particles within bounds."""
         result = np.empty((0, len(self._low)))
         while len(result) < count:
             chosen = rng.choice(len(self._source.at), size=count, p=self._source.weight)
@@ -214,7 +212,7 @@ class PerturbationKernel:
         return result[:count]
 
     def log_density(self, at: Array) -> Array:
-        """(n,) up to a constant, which the cut at the bounds does not change: trials beyond them are no particles."""
+        """(n,) log density up to a constant, which truncation leaves unchanged: draws beyond bounds are discarded."""
         turned = la.solve_triangular(self._factor, at.T, lower=True)
         value = la.solve_triangular(self._factor, self._source.at.T, lower=True)
         squares = np.sum(turned**2, axis=0)[:, None] + np.sum(value**2, axis=0)[None] - 2.0 * turned.T @ value
@@ -224,7 +222,7 @@ class PerturbationKernel:
 
 
 def begin(distances: Away, source: ParticleSet, priors: Sequence[ParticlePrior], seed: int) -> Growing:
-    """Set the next threshold: trial particles, of which the target's share are to be nearer."""
+    """Set the next threshold such that the target's share of trial particles is closer."""
     target = TARGETS[source.number]
     count = max(PILOT, round(FEWEST_ACCEPTED / target))
     at = PerturbationKernel(source, priors).perturbed(count, np.random.default_rng((seed, source.number + 1, 0)))
@@ -236,7 +234,7 @@ def begin(distances: Away, source: ParticleSet, priors: Sequence[ParticlePrior],
 def grow(
     distances: Away, growing: Growing, priors: Sequence[ParticlePrior], seed: int, until: Callable[[Growing], bool]
 ) -> ParticleSet | Growing:
-    """Fill a population batch by batch; as far as it got where `until`, called after each batch, says so."""
+    """Fill a population batch by batch; return it unfinished if `until`, called after each batch, is true."""
     source, kernel = growing.source, PerturbationKernel(growing.source, priors)
     count = len(source.at)
     while len(growing.at) < count:

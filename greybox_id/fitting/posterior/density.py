@@ -1,18 +1,18 @@
 """The posterior density of a fit's parameters, evaluated for many points at once.
 
-Likelihood and priors are those that the fit counted: residuals in the standard deviations at which a reading counts,
-as often as readings are independent, in the tails linear where the fit was robust. What the fit estimated beside its
-parameters, where predictions start, is integrated out: readings depend on starts almost linearly, so that a start's
-best deviation and what it saves follow from the derivatives at the fit (a Gaussian integral, whose width does not
-depend on the parameters to that order).
+Likelihood and priors are those of the fit: residuals divided by their effective standard deviations, which account for
+correlated readings, linear in the tails if the fit was robust. The nuisance parameters, initial states, are integrated
+out: readings depend on them almost linearly, so that the optimal deviation of an initial state and its gain follow from
+the derivatives at the fit (a Gaussian integral whose width does not depend on the parameters to that order).
 
-What is drawn from: the posterior as wide as the fit's covariance has it, in coordinates where valleys are straight.
+`Target` is the density that is sampled: the posterior, widened to the fit's covariance, in coordinates in which valleys
+are straight.
 
-Errors of a model last, for a whole run at times, and a likelihood that counts readings as independent then is too
-narrow along some directions, by different factors. Deviations from the fit are mapped so that its second derivatives
-there are those of the covariance that errors which last have widened; bends and priors are mapped along. No direction
-gets narrower than the likelihood has it. Positive numbers but lengths, times, masses and inertias go by their
-logarithm: valleys along which a product stays the same are straight there.
+A model's errors persist, at times for a whole run, and a likelihood with independent readings is then too narrow along
+some directions, by different factors. Deviations from the fit are mapped so that the second derivatives of the density
+there are those of the covariance for correlated errors; curvature and priors are mapped along. No direction becomes
+narrower than in the likelihood. Positive parameters except lengths, times, masses and inertias are sampled as
+logarithms: valleys along which a product is constant are then straight.
 
 Source: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012), Sec. 2.3,
 the curvature adjustment.
@@ -35,15 +35,15 @@ from ...models.parameter import Parameter, placed
 
 @dataclass(frozen=True)
 class DrawnNumber:
-    """A number that is drawn.
+    """A scalar that is drawn.
 
     Attributes
     ----------
-    name : of its column: I_z, bank[3] of an array, tau@2 of the second run.
-    unit : SI.
+    name : name of its column: I_z, bank[3] of an array, tau@2 of the second run.
+    unit : SI unit.
     parameter : name of the parameter.
-    entry : place among the parameter's numbers.
-    run : of a parameter with a value for each run, which run, from 0; None for all.
+    entry : index among the parameter's entries.
+    run : for a run-scoped parameter, the run, from 0; None for all.
     """
 
     name: str
@@ -54,7 +54,7 @@ class DrawnNumber:
 
 
 class PosteriorDensity:
-    """The density of a problem's free parameters about its optimum.
+    """The density of a problem's free parameters around its optimum.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ class PosteriorDensity:
 
     Attributes
     ----------
-    coordinates : the free numbers, in order.
+    coordinates : the free scalars, in order.
     centre : (d,) their values at the optimum.
-    bounds : two of (d,).
-    evaluations : how many points were simulated so far.
+    bounds : lowest and highest values, (d,) each.
+    evaluations : number of points simulated so far.
     """
 
     def __init__(self, problem: MotionProblem, solution: Solution) -> None:
@@ -82,7 +82,7 @@ class PosteriorDensity:
         self._starts = _starts(problem, solution) if len(problem.loose) else []
 
     def __call__(self, points: Array) -> Array:
-        """(n, d) -> (n,) logarithm of the density, up to a constant; -inf beyond bounds or where nothing is finite."""
+        """(n, d) -> (n,) log density up to a constant; -inf beyond bounds or where a simulation is not finite."""
         result = np.full(len(points), -np.inf)
         inside = np.flatnonzero(self.within(points))
         if len(inside) == 0:
@@ -96,9 +96,9 @@ class PosteriorDensity:
         return result
 
     def errors(self, points: Array) -> Array:
-        """(n, d) -> (n, N, outputs) predicted less read, in the outputs' units, each start at its best; 0: no reading.
+        """(n, d) -> (n, N, outputs) prediction errors, in the outputs' units, at optimal initial states; 0: no reading.
 
-        Points beyond bounds are simulated as they are.
+        Points beyond bounds are simulated, too.
         """
         weight = self.problem.targets.weight
         r = self._residuals(self.unknowns(points))
@@ -114,20 +114,20 @@ class PosteriorDensity:
         return np.asarray(np.all((points >= low) & (points <= high), axis=1))
 
     def unknowns(self, points: Array) -> Array:
-        """(n, d) -> (n, unknowns), all else as it was found."""
+        """(n, d) -> (n, unknowns), with all other unknowns at the optimum."""
         x = np.tile(self._x, (len(points), 1))
         x[:, self.places] = points
         return x
 
     def _residuals(self, x: Array) -> Array:
-        """(n, N, outputs) in standard deviations; 0 where there is no reading."""
+        """(n, N, outputs) residuals in standard deviations; 0 without a reading."""
         self.evaluations += len(x)
         y, targets = self.problem.predicted_readings(x), self.problem.targets
         with np.errstate(over="ignore", invalid="ignore"):
             return np.where(targets.weight > 0, y - targets.reading, 0.0) * targets.weight
 
     def _saved(self, r: Array) -> Array:
-        """(n,) by how much the objective falls where every start deviates as suits it best."""
+        """(n,) decrease of the objective by optimal initial states."""
         result = np.zeros(len(r))
         tail = self.problem.targets.robust
         if tail is not None:
@@ -141,8 +141,8 @@ class PosteriorDensity:
 
 @dataclass(frozen=True)
 class _Start:
-    """An interval's start about the optimum: its readings (m,), their derivative (m, s), the inverse Hessian (s, s),
-    and the priors' gradient (s,).
+    """An interval's initial state around the optimum: indices of its readings (m,), their derivative (m, s), inverse
+    Hessian (s, s), and the priors' gradient (s,).
     """
 
     readings: Array
@@ -152,7 +152,7 @@ class _Start:
 
 
 def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
-    """The free numbers of a problem's parameters, and where each stands among the unknowns."""
+    """The free scalars of a problem's parameters, and the index of each among the unknowns."""
     result: list[tuple[DrawnNumber, int]] = []
     for parameter, numbers in placed(problem.model.parameters):
         runs = list(enumerate(problem.parameters.index)) if parameter.scope == "run" else [(None, None)]
@@ -166,14 +166,14 @@ def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
 
 
 def entry_names(parameter: Parameter) -> list[str]:
-    """The numbers that a parameter holds: F[0,1] of an array F."""
+    """Names of a parameter's entries: F[0,1] of an array F."""
     if parameter.shape == ():
         return [parameter.name]
     return [f"{parameter.name}[{','.join(map(str, place))}]" for place in np.ndindex(*parameter.shape)]
 
 
 def _misfit(targets: Targets, r: Array) -> Array:
-    """(n,) half the sum of squared residuals, those in the tails linear."""
+    """(n,) half the sum of squared residuals, linear beyond the Huber threshold."""
     if targets.robust is None:
         return np.asarray(0.5 * np.einsum("nij,nij->n", r, r))
     e, k = np.abs(r), targets.robust
@@ -197,19 +197,19 @@ def _starts(problem: MotionProblem, solution: Solution) -> list[_Start]:
 
 
 ADDING = ("m", "s", "kg", "kg m^2")
-"""Units of numbers that make up sums, as wheelbases and delays do: along these a valley is straight in the numbers
-themselves, along products of the others in their logarithms."""
+"""Units of parameters that enter sums, as wheelbases and delays do: valleys along sums are straight in the parameters
+themselves, valleys along products of the others in their logarithms."""
 RIDGE = 1e-10
-"""Of a covariance in units of its standard deviations: rounding must not make it indefinite."""
+"""Added to a correlation matrix, so that rounding does not make it indefinite."""
 
 
 class Widening:
-    """Draws of the noise alone, made as wide as a fit's covariance, which counts the error of its form as well.
+    """Widens draws of the likelihood to a fit's covariance, which includes the model-form error.
 
-    Deviations from the fit are mapped linearly, so that their covariance becomes the one that the fit states, and all
-    else of the draws stays: bends, skewness, weights, chains. No direction gets narrower. What the map takes beyond a
-    bound is put on it, as an interval of a fit ends there. It maps the parameters themselves: of their logarithms, a
-    standard deviation as large as the estimate would make powers of ten.
+    Deviations from the fit are mapped linearly such that their covariance becomes that of the fit; curvature, skewness,
+    weights and chains of the draws stay. No direction becomes narrower. Draws mapped beyond a bound are set to the
+    bound, as intervals of a fit are clipped. The map acts on the parameters themselves: in their logarithms, a standard
+    deviation as large as the estimate would produce powers of ten.
 
     Sources: Chandler & Bate, Inference for clustered data using the independence loglikelihood, Biometrika 94 (2007);
     Shaby, The open-faced sandwich adjustment for MCMC using estimating functions, J. Computational and Graphical
@@ -217,8 +217,8 @@ class Widening:
 
     Parameters
     ----------
-    target : what was drawn from.
-    beyond : (d, d) covariance of theta that the fit states beyond that of the noise.
+    target : the sampled density.
+    beyond : (d, d) covariance of theta in the fit beyond that of the noise.
     """
 
     def __init__(self, target: Target, beyond: Array) -> None:
@@ -229,25 +229,25 @@ class Widening:
         self.outward = L @ (Q * np.sqrt(1.0 + np.maximum(added, 0.0))) @ Q.T @ inward
 
     def __call__(self, theta: Array) -> Array:
-        """(n, d) -> (n, d)."""
+        """Map draws of theta, (n, d) -> (n, d)."""
         centre = self.density.centre
         return np.asarray(np.clip(centre + (theta - centre) @ self.outward.T, *self.density.bounds))
 
 
 class Target:
-    """The density in the coordinates in which draws move, u = log(theta) or theta, as `whitening` tells.
+    """The density in sampling coordinates, u = log(theta) or theta, as chosen by `whitening`.
 
     Parameters
     ----------
-    density : in theta.
-    independent : (d, d) covariance of theta about the fit, as the density has it.
-    lasting : (d, d) that covariance with what errors that last add.
+    density : density of theta.
+    independent : (d, d) covariance of theta at the fit for independent residuals, as in the density.
+    lasting : (d, d) the same for correlated residuals.
 
     Attributes
     ----------
-    centre : (d,) the fit.
-    factor : (d, d) of the covariance about the fit.
-    narrowed : (d, d) deviations from the fit to those at which the density is looked up.
+    centre : (d,) the fit, in u.
+    factor : (d, d) factor of the covariance around the fit.
+    narrowed : (d, d) maps deviations from the fit to those at which the density is evaluated.
     """
 
     def __init__(self, density: PosteriorDensity, independent: Array, lasting: Array) -> None:
@@ -263,11 +263,11 @@ class Target:
         self.narrowed = L @ (Q / growth) @ Q.T @ inward
 
     def to_u(self, theta: Array) -> Array:
-        """(n, d) -> (n, d)."""
+        """Theta to u, (n, d) -> (n, d)."""
         return np.asarray(np.where(self.logarithmic, np.log(np.where(self.logarithmic, theta, 1.0)), theta))
 
     def to_theta(self, u: Array) -> Array:
-        """(n, d) -> (n, d)."""
+        """u to theta, (n, d) -> (n, d)."""
         with np.errstate(over="ignore"):
             return np.asarray(np.where(self.logarithmic, np.exp(np.where(self.logarithmic, u, 0.0)), u))
 
@@ -276,7 +276,7 @@ class Target:
         return self.density.within(self.to_theta(u))
 
     def __call__(self, u: Array) -> Array:
-        """(n, d) -> (n,) logarithm of the density of u."""
+        """(n, d) -> (n,) log density of u."""
         result = np.full(len(u), -np.inf)
         inside = self.within(u)
         looked_up = self.centre + (u[inside] - self.centre) @ self.narrowed.T
@@ -285,7 +285,7 @@ class Target:
 
 
 def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Array, Mask]:
-    """Standard deviations (d,), a factor of the correlations (d, d), and which coordinates go by their logarithm.
+    """Standard deviations (d,), a factor of the correlations (d, d), and a mask of the logarithmic coordinates (d,).
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""Draws near the fit's normal distribution, each weighted by how much likelier the posterior has it there.
+"""Importance sampling around the fit's normal distribution.
 
-Draws are of a Student t distribution about the fit, whose tails hold the normal one's, and count by the ratio of the
-posterior's density to theirs: what a normal distribution misses, bends, skewness and bounds, the weights put right. Of
-ratios without an end a few draws would count for all. Their largest follow a generalised Pareto distribution; its shape
-k says whether weights can be trusted, and its quantiles stand for them. Where they cannot be, the weighted draws say
-where better ones are to be made; where those cannot be trusted either, what is left is the normal distribution, cut at
-the bounds, and that is told.
+The proposal is a Student t distribution at the fit, whose tails cover those of the normal one; each draw is weighted
+by the ratio of the posterior's density to the proposal's, which corrects for curvature, skewness and bounds. With
+unbounded ratios, a few draws would dominate. The largest ratios follow a generalised Pareto distribution; its shape k
+shows whether the weights are reliable, and its quantiles replace them. If they are not, a new proposal is made from
+the weighted draws; if that fails too, the result is the normal distribution, truncated at the bounds, with a caution.
+
 
 Sources: Vehtari, Simpson, Gelman, Yao & Gabry, Pareto smoothed importance sampling, J. Machine Learning Research 25
 (2024), whose limit of k it is; Zhang & Stephens, A new and efficient estimation method for the generalized Pareto
@@ -27,17 +27,17 @@ from ...base.shorthands import Array
 from .density import RIDGE, Target
 
 TAIL = 6.0
-"""Degrees of freedom of the distribution that is drawn from."""
+"""Degrees of freedom of the proposal."""
 ROUNDS = 3
-"""Times that draws are made, each from where those before were, until their weights can be trusted."""
+"""Largest number of proposals, each from the weighted draws of the previous one, until weights are reliable."""
 BATCH = 250
-"""Draws simulated between two looks at the clock."""
+"""Draws simulated per batch, between progress reports."""
 SHORTEST_TAIL = 5
-"""Largest ratios, below which there is no k to be told."""
+"""Smallest number of ratios in the tail from which k is estimated."""
 TRUSTED = 0.7
 """k above which weighted draws converge too slowly to be of use; with few draws the limit is 1 - 1 / log10(draws)."""
 MOST_TRIES = 1000
-"""Times as many normal draws as are wanted may fall beyond bounds."""
+"""Largest ratio of normal draws tried to draws requested, when most fall beyond bounds."""
 
 
 class WeightedDraws(NamedTuple):
@@ -45,12 +45,12 @@ class WeightedDraws(NamedTuple):
 
     Attributes
     ----------
-    u : (n, d).
-    weight : (n,) sums to one; even where weights could not be trusted.
-    log_density : (n,) of the target; of the normal distribution where weights could not be trusted.
-    k : shape of the tail of the ratios; NaN where there are too few draws to tell.
-    within : share of the draws that fell within bounds.
-    complete : whether Ctrl-C cut the draws short.
+    u : (n, d) draws.
+    weight : (n,) sums to one; uniform if weights are not reliable.
+    log_density : (n,) of the target; of the normal distribution if weights are not reliable.
+    k : shape of the tail of the ratios; NaN with too few draws.
+    within : share of the proposed draws within bounds.
+    complete : whether all draws were made, without an interruption by Ctrl-C.
     """
 
     u: Array
@@ -66,10 +66,10 @@ def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, i
 
     Parameters
     ----------
-    target : what is drawn from.
-    draws : how many.
-    seed : of the draws.
-    tell : called with the round, from 1, and the draws simulated in it so far.
+    target : the sampled density.
+    draws : number of draws.
+    seed : seed of the draws.
+    tell : called with the round, from 1, and the number of draws simulated in it so far.
 
     Raises
     ------
@@ -99,16 +99,16 @@ def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, i
 
 
 def trusted(draws: int) -> float:
-    """The largest k at which so many weighted draws can be trusted."""
+    """The largest k at which weights of so many draws are reliable."""
     return min(TRUSTED, 1.0 - 1.0 / log10(max(draws, 11)))
 
 
 def smoothed(log_ratio: Array) -> tuple[Array, float]:
-    """Logarithms of weights that sum to one, the largest ratios in the order of a Pareto distribution, and its k.
+    """Logarithms of normalised weights, the largest replaced by Pareto quantiles, and the shape k of the tail.
 
     Parameters
     ----------
-    log_ratio : (n,) of densities; -inf where a draw does not count.
+    log_ratio : (n,) of densities; -inf drops a draw.
     """
     value = log_ratio - np.max(log_ratio)
     tail = int(np.ceil(min(0.2 * len(value), 3.0 * np.sqrt(len(value)))))
@@ -118,7 +118,7 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
     beyond = np.exp(value[largest]) - cut
     if tail >= SHORTEST_TAIL:
         spread = int(np.sum(beyond > np.finfo(float).eps))
-        k = -np.inf if spread == 0 else np.inf  # all alike; a handful that count for all
+        k = -np.inf if spread == 0 else np.inf  # all equal, or dominated by a handful
         if spread >= SHORTEST_TAIL:
             k, scale = pareto_shape(beyond[beyond > 0.0])
             far = -np.log1p(-(np.arange(tail) + 0.5) / tail)
@@ -131,7 +131,7 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
 def pareto_shape(beyond: Array) -> tuple[float, float]:
     """Shape k and scale of a generalised Pareto distribution, from (n,) positive numbers in ascending order.
 
-    By Zhang and Stephens, k drawn towards 0.5 as if ten more numbers had said so (Vehtari et al.).
+    By Zhang and Stephens, with k shrunk towards 0.5 by a prior worth ten numbers (Vehtari et al.).
     """
     n = len(beyond)
     points = 30 + int(np.sqrt(n))
@@ -150,8 +150,8 @@ def pareto_shape(beyond: Array) -> tuple[float, float]:
 def _proposed(
     target: Target, centre: Array, factor: Array, tail: float, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array, float]:
-    """(count, d) draws of a t distribution within the bounds, its logarithm there up to a constant, and the share of
-    all draws that fell there.
+    """(count, d) draws of a t distribution within the bounds, its log density there up to a constant, and the share of
+    all draws within the bounds.
     """
     d, result, tried, kept = len(centre), [], 0, 0
     while kept < count:
@@ -174,7 +174,7 @@ def _proposed(
 
 
 def _simulated(target: Target, u: Array, tell: Callable[[int], None]) -> tuple[Array, bool]:
-    """The target's logarithm at as many draws as were simulated before Ctrl-C, and whether those are all."""
+    """The target's log density at the draws simulated before Ctrl-C, and whether these are all."""
     result: list[Array] = []
     try:
         for k in range(0, len(u), BATCH):
@@ -186,7 +186,7 @@ def _simulated(target: Target, u: Array, tell: Callable[[int], None]) -> tuple[A
 
 
 def _moments(target: Target, weighted_draws: WeightedDraws) -> tuple[Array, Array]:
-    """Middle and factor of what weighted draws are like; the fit's count as many of them as there are coordinates."""
+    """Centre and factor of the weighted draws' covariance; the fit's counts as d draws, with d coordinates."""
     d, worth = len(target.centre), 1.0 / np.sum(weighted_draws.weight**2)
     first = (worth * weighted_draws.weight @ weighted_draws.u + d * target.centre) / (worth + d)
     off = weighted_draws.u - weighted_draws.weight @ weighted_draws.u

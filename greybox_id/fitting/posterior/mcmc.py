@@ -1,16 +1,16 @@
 """Markov chains of many walkers, all simulated side by side in lanes.
 
-Three kinds of steps take turns. Most lead towards a Student t distribution about the middle, at first the fit's, later
-that of the walkers themselves, and are accepted by how the posterior differs from it: where it hardly does, one step
-forgets all. The others go by the differences between walkers, which know how the posterior is bent.
+Three kinds of steps alternate. Most are proposals that leave a Student t distribution invariant, at first around the
+fit, later around the walkers, and are accepted by the ratio of the posterior to it: where both nearly agree, one step
+forgets the start. The others use differences between walkers, which adapt to the posterior's curvature.
 
 Sources: Cotter, Roberts, Stuart & White, MCMC methods for functions, Statistical Science 28
 (2013), preconditioned Crank-Nicolson, and Grumitt, Karamanis & Seljak, Flow annealed Kalman inversion, Inverse Problems
 40 (2024), of a t distribution; ter Braak & Vrugt, Differential evolution Markov chain with snooker updater and fewer
 chains, Statistics and Computing 18 (2008); Foreman-Mackey et al., emcee v3, JOSS 4 (2019), which moves the walkers.
 
-Every block of steps draws its random numbers from (seed, number of the block), and what the walkers are told to be like
-is taken from the burn-in, which is kept: what a run finds does not depend on where it was interrupted.
+Every block of steps draws its random numbers from (seed, number of the block), and proposals are adapted to the
+stored burn-in only: results do not depend on where a run was interrupted.
 """
 
 from __future__ import annotations
@@ -28,32 +28,32 @@ from .density import RIDGE, Target
 
 FEWEST_WALKERS = 16
 BURN_IN = 20
-"""Blocks that are not kept. From draws of the fit's normal distribution chains have little to forget."""
+"""Blocks that are discarded. Chains started from the fit's normal distribution have little to forget."""
 FORGET, LEARN = 5, (10, 20)
-"""Blocks of the burn-in that say nothing; blocks after which steps lead towards what the walkers have been like."""
+"""Blocks of the burn-in without influence on proposals; blocks after which proposals are adapted to the walkers."""
 THIN = 10
-"""Steps a block, of which the last is kept."""
+"""Steps per block, of which the last is kept."""
 TOWARDS_MIDDLE, DIFFERENCES, SNOOKER = 0.8, 0.15, 0.05
-"""Shares of steps towards the middle, by differences, and along the line to another walker."""
+"""Shares of steps by the t distribution, by differences, and along the line to another walker."""
 REACH = (0.3, 1.0)
-"""How far a step towards the middle goes, drawn in its logarithm: 1 forgets where it was."""
+"""Range of the step size beta of a step by the t distribution, log-uniform: 1 forgets the previous position."""
 TAIL = 6.0
-"""Degrees of freedom of the distribution that steps lead towards: a normal one would hold walkers in tails."""
+"""Degrees of freedom of the t distribution: with a normal one, walkers would be stuck in tails."""
 STANDING = 20
-"""Blocks after which a run in which no walker has moved is given up."""
+"""Blocks without any accepted step after which a run is given up."""
 
 
 @dataclass(frozen=True)
 class Ensemble:
-    """Where walkers are.
+    """State of the walkers.
 
     Attributes
     ----------
     block : blocks done, burn-in included.
-    at : (walkers, d) in the coordinates in which they move.
+    at : (walkers, d) positions in sampling coordinates.
     log_posterior : (walkers,).
     accepted, proposed : steps so far.
-    burnt : (blocks, walkers, d) where they were after each block of the burn-in.
+    burnt : (blocks, walkers, d) positions after each block of the burn-in.
     """
 
     block: int
@@ -65,24 +65,24 @@ class Ensemble:
 
 
 def walkers_for(dimensions: int) -> int:
-    """How many walkers: an even number, at least twice the dimensions."""
+    """Number of walkers: even, and at least twice the dimensions."""
     return max(FEWEST_WALKERS, 2 * (dimensions + 1))
 
 
 class TowardsMiddle:
-    """Steps that leave a multivariate t distribution as it is.
+    """Proposals that leave a multivariate t distribution invariant.
 
     Parameters
     ----------
     centre : (d,).
-    factor : (d, d) of its scale.
+    factor : (d, d) factor of its scale matrix.
     """
 
     def __init__(self, centre: Array, factor: Array) -> None:
         self.centre, self.factor, self.inverse = centre, factor, np.linalg.inv(factor)
 
     def __call__(self, u: Array, random: np.random.RandomState) -> tuple[Array, Array]:
-        """Proposals (n, d), and what corrects for the t distribution (n,)."""
+        """Proposals (n, d), and the log of their correction factors for the t distribution (n,)."""
         count, d = u.shape
         beta = np.exp(random.uniform(np.log(REACH[0]), np.log(REACH[1]), count))[:, None]
         z = (u - self.centre) @ self.inverse.T
@@ -94,9 +94,9 @@ class TowardsMiddle:
 
 
 def middle(target: Target, ensemble: Ensemble) -> TowardsMiddle:
-    """What steps lead towards after so many blocks: the fit, then what the walkers of the burn-in have been like.
+    """The t distribution of proposals at a block: around the fit, then around the walkers of the burn-in.
 
-    The fit's covariance counts as many walkers as there are coordinates: so few cannot tell one.
+    The fit's covariance counts as d walkers, since few walkers do not determine a covariance.
     """
     known = max((blocks for blocks in LEARN if blocks <= ensemble.block), default=0)
     if known == 0:
@@ -111,7 +111,7 @@ def middle(target: Target, ensemble: Ensemble) -> TowardsMiddle:
 
 
 def begun(target: Target, seed: int) -> Ensemble:
-    """Walkers drawn from the fit's normal distribution, within bounds and where the model is finite.
+    """Walkers drawn from the fit's normal distribution, within bounds and with finite predictions.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def begun(target: Target, seed: int) -> Ensemble:
     d = len(target.centre)
     count, rng = walkers_for(d), np.random.default_rng((seed, 0))
     at, logs = np.empty((0, d)), np.empty(0)
-    for shrink in np.repeat([1.0, 0.3, 0.1, 0.03], 8):  # about bounds and in bent valleys closer ones are needed
+    for shrink in np.repeat([1.0, 0.3, 0.1, 0.03], 8):  # near bounds and in bent valleys, closer draws are needed
         value = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
         known = target(value)
         good = np.isfinite(known)
@@ -135,13 +135,13 @@ def begun(target: Target, seed: int) -> Ensemble:
 
 
 def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble], bool]) -> Ensemble:
-    """Walkers moved block by block until told to stop.
+    """Move walkers block by block until `until` is true.
 
     Parameters
     ----------
-    target : what it is distributed as.
-    start : where from.
-    seed : of the steps.
+    target : the sampled density.
+    start : state of the walkers at the start.
+    seed : seed of the steps.
     until : called after each block; True stops.
 
     Raises
@@ -158,7 +158,7 @@ def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble]
             (emcee.moves.DESnookerMove(), SNOOKER),
         ]
         sampler = emcee.EnsembleSampler(count, dimensions, target, moves=moves, vectorize=True)
-        sampler.log_prob_fn = target  # what emcee wraps it in prints to standard output where Ctrl-C arrives
+        sampler.log_prob_fn = target  # emcee's wrapper of it prints to standard output at Ctrl-C
         random = np.random.RandomState(np.random.SeedSequence((seed, ensemble.block + 1)).generate_state(8)).get_state()
         state = emcee.State(ensemble.at, log_prob=ensemble.log_posterior, random_state=random)
         accepted, before = ensemble.accepted, ensemble.at

@@ -1,8 +1,8 @@
-"""A posterior: draws of a fit's parameters with their weights, how they were made, and how far they can be trusted.
+"""A posterior: weighted draws of a fit's parameters, how they were made, and how reliable they are.
 
-Kept as Parquet: one row a draw, columns `chain`, `draw`, `weight`, a measure of the draw (`log_posterior`, of abc-smc
-`distance`), then the parameters; what belongs to all draws, and what an interrupted run goes on from, is the schema's
-metadata. Numbers and words only; nothing in such a file is executed.
+Stored as Parquet: one row per draw, columns `chain`, `draw`, `weight`, a measure of the draw (`log_posterior`, for
+abc-smc `distance`), then the parameters; common data, and the state of an interrupted run, are the schema's metadata.
+Numbers and text only; nothing in such a file is executed.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .density import DrawnNumber, entry_names
 from .laplace import trusted
 
 FEWEST = 4
-"""Draws of a chain below which nothing can be said."""
+"""Smallest length of a chain that is diagnosed."""
 
 
 def r_hat(chains: Array) -> float:
@@ -45,7 +45,7 @@ def r_hat(chains: Array) -> float:
 
     Returns
     -------
-    1 where chains have met; NaN where they are shorter than four draws or do not move.
+    1 if chains have converged; NaN if they are shorter than four draws or do not move.
 
     Notes
     -----
@@ -55,21 +55,21 @@ def r_hat(chains: Array) -> float:
 
 
 def effective_sample_size(chains: Array) -> float:
-    """How many independent draws tell as much of a parameter's middle (bulk), from (chains, draws); NaN as `r_hat`."""
+    """Number of independent draws equivalent for a parameter's centre (bulk), from (chains, draws); NaN as `r_hat`."""
     return _diagnosed("ess", chains)
 
 
 def _diagnosed(name: str, chains: Array) -> float:
     if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
         return float("nan")
-    from arviz_stats.base.array import array_stats  # which takes long to load
+    from arviz_stats.base.array import array_stats  # imported here: it takes long
 
-    with np.errstate(invalid="ignore", divide="ignore"):  # chains of which each stays where it is
+    with np.errstate(invalid="ignore", divide="ignore"):  # constant chains
         return float(getattr(array_stats, name)(chains, chain_axis=0, draw_axis=1))
 
 
 def weighted_quantile(values: Array, weight: Array, share: float) -> float:
-    """The value below which a share of the weight lies, (n,) each, between neighbours on a straight line."""
+    """The value below which a share of the weight lies, from (n,) values and weights, by linear interpolation."""
     if len(values) == 0:
         return float("nan")
     order = np.argsort(values, kind="stable")
@@ -80,12 +80,12 @@ def weighted_quantile(values: Array, weight: Array, share: float) -> float:
 Method = Literal["laplace", "mcmc", "abc-smc"]
 METADATA, SOURCE, NOISE_ALONE = b"greybox-posterior", b"greybox-fit", b"greybox-noise-alone"
 VERSION, WITHOUT_FORM = 3, 2
-"""Of the format; an earlier one that is read, whose draws are of the noise alone."""
+"""Version of the format; an earlier one that is read, whose draws are those of the likelihood alone."""
 LEVEL = 0.95
-"""Of the intervals `low` to `high`."""
+"""Probability of the intervals `low` to `high`."""
 MET, FEW = 1.05, 100.0
-"""R-hat above which chains have not met (1.01 is strict, 1.1 lax); effective draws below which ends of intervals are
-noise."""
+"""R-hat above which chains have not converged (1.01 is strict, 1.1 lax); effective sample size below which ends of
+intervals are noise."""
 OF_DRAWS = ("chain", "draw", "weight")
 
 
@@ -96,24 +96,24 @@ class Posterior:
     Attributes
     ----------
     method : "laplace", "mcmc" or "abc-smc".
-    coordinates : what was drawn, in the order of `values`.
-    values : (draws, d) in SI units, with all that the fit's intervals count, the error of its form as well; of abc-smc
-        as drawn.
-    noise_alone : (draws, d) the same draws of the likelihood itself, which counts the noise alone.
+    coordinates : the drawn scalars, in the order of `values`.
+    values : (draws, d) in SI units, widened to the fit's intervals, which include the model-form error; for abc-smc as
+        drawn.
+    noise_alone : (draws, d) the same draws from the likelihood itself, without the model-form error.
     weight : (draws,) sums to one.
-    chain, draw : (draws,) which chain (of mcmc a walker) each belongs to, and its place there.
-    measure : (draws,) log_posterior of `noise_alone`, up to a constant; of abc-smc the distance.
-    acceptance : share of proposals that were accepted, of abc-smc in the last population.
-    evaluations : simulations of all recordings.
-    cpu_seconds : s.
-    seed : of everything random.
-    complete : whether as many draws are there as were asked for.
-    fit : what tells the fit it belongs to: model, parameters' values, hashes of recordings (`identity`).
-    options : further choices of the method.
-    state : what an unfinished run goes on from.
-    source : the text of the fit's file, so that draws can be simulated by whoever has no other file.
-    pareto_k : of laplace, the shape of the tail of the draws' weights; NaN where it is not known.
-    with_form : whether `values` count the error of the model's form; not of abc-smc, nor in files of versions before.
+    chain, draw : (draws,) chain (for mcmc a walker) of each draw, and its number in the chain.
+    measure : (draws,) log_posterior of `noise_alone`, up to a constant; for abc-smc the distance.
+    acceptance : share of proposals that were accepted, for abc-smc in the last population.
+    evaluations : number of simulations of all recordings.
+    cpu_seconds : CPU time, s.
+    seed : seed of all random numbers.
+    complete : whether all requested draws were made.
+    fit : identification of its fit: model, parameters' values, hashes of recordings (`identity`).
+    options : further options of the method.
+    state : state from which an unfinished run continues.
+    source : text of the fit's file, so that draws can be simulated without another file.
+    pareto_k : for laplace, shape of the tail of the draws' weights; NaN if unknown.
+    with_form : whether `values` include the model-form error; not for abc-smc, nor in files of earlier versions.
     """
 
     method: Method
@@ -138,12 +138,12 @@ class Posterior:
 
     @property
     def weighted(self) -> bool:
-        """Whether draws count by weights; else they are chains, each draw after the last."""
+        """Whether draws have weights; otherwise they are chains of successive draws."""
         return self.method != "mcmc"
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns that hold parameters."""
+        """Names of the parameters' columns."""
         return tuple(coordinate.name for coordinate in self.coordinates)
 
     def __len__(self) -> int:
@@ -151,19 +151,19 @@ class Posterior:
 
     @property
     def frame(self) -> pd.DataFrame:
-        """One row a draw: `chain`, `draw`, `weight`, `log_posterior` or `distance`, then the parameters in SI units."""
+        """One row per draw: `chain`, `draw`, `weight`, `log_posterior` or `distance`, then the parameters in SI."""
         known = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
         value = {name: self.values[:, k] for k, name in enumerate(self.names)}
         return pd.DataFrame({**known, self.measured: self.measure, **value})
 
     @property
     def measured(self) -> str:
-        """What `measure` is."""
+        """Name of `measure`."""
         return "distance" if self.method == "abc-smc" else "log_posterior"
 
     @cached_property
     def r_hat(self) -> pd.Series[float]:
-        """Rank-normalised split R-hat by name: 1 where chains have met; NaN where there are none."""
+        """Rank-normalised split R-hat by name: 1 if chains have converged; NaN without chains."""
         return self._by_name(lambda chains: r_hat(chains))
 
     @cached_property
@@ -176,8 +176,8 @@ class Posterior:
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`; of the noise alone `sd_noise_alone`,
-        `low_noise_alone` and `high_noise_alone`.
+        """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`; for the likelihood alone
+        `sd_noise_alone`, `low_noise_alone` and `high_noise_alone`.
         """
         widened, noise = self._described(self.values), self._described(self.noise_alone)
         known = {"unit": [coordinate.unit for coordinate in self.coordinates], "r_hat": self.r_hat, "ess": self.ess}
@@ -185,7 +185,7 @@ class Posterior:
         return pd.DataFrame({**widened, **known, **of_noise}, index=list(self.names))
 
     def _described(self, values: Array) -> dict[str, Array]:
-        """Mean, standard deviation and ends of intervals by parameter."""
+        """Mean, standard deviation and ends of intervals of each parameter."""
         mean = self.weight @ values if len(self) else np.full(len(self.names), np.nan)
         sd = np.sqrt(self.weight @ (values - mean) ** 2) if len(self) else mean
         shares = {"low": (1 - LEVEL) / 2, "high": (1 + LEVEL) / 2}
@@ -196,11 +196,11 @@ class Posterior:
 
     @property
     def worst(self) -> tuple[float, float]:
-        """The largest R-hat and the smallest effective sample size of any parameter; NaN where there is none."""
+        """The largest R-hat and the smallest effective sample size of any parameter; NaN if unknown."""
         return float(self.r_hat.max()), float(self.ess.min())
 
     def cautions(self) -> list[str]:
-        """Sentences on what these draws cannot be trusted for; empty where there is nothing to say."""
+        """Sentences on limits of these draws; empty if there are none."""
         result = []
         worst, least = self.worst
         if not self.with_form:
@@ -231,12 +231,12 @@ class Posterior:
         return result
 
     def covariance(self) -> Array:
-        """(d, d) of the draws."""
+        """(d, d) covariance of the draws."""
         off = self.values - self.weight @ self.values
         return np.asarray((off * self.weight[:, None]).T @ off)
 
     def priors(self) -> dict[str, tuple[float, float]]:
-        """Name -> (mean, sd) of single numbers, as `gb.fit(prior=...)` takes them; correlations are lost."""
+        """Name -> (mean, sd) of scalar parameters, for `gb.fit(prior=...)`; correlations are lost."""
         single = [
             coordinate for coordinate in self.coordinates if coordinate.run is None and "[" not in coordinate.name
         ]
@@ -245,9 +245,9 @@ class Posterior:
         }
 
     def chosen(self, count: int, seed: int = 0, *, noise_alone: bool = False) -> Array:
-        """(count, d) draws that stand for all, by systematic resampling: each as often as its weight says."""
+        """(count, d) draws that represent all, by systematic resampling in proportion to the weights."""
         at = (np.random.default_rng((seed, 7919)).uniform() + np.arange(count)) / count
-        order = np.random.default_rng((self.seed, 104729)).permutation(len(self))  # neighbours in a chain are alike
+        order = np.random.default_rng((self.seed, 104729)).permutation(len(self))  # neighbours in a chain correlate
         places = np.searchsorted(np.cumsum(self.weight[order]) / np.sum(self.weight), at)
         values = self.noise_alone if noise_alone else self.values
         return np.asarray(values[order[np.minimum(places, len(self) - 1)]])
@@ -264,12 +264,12 @@ class Posterior:
         return result
 
     def its_fit(self, build: Build) -> Fit:
-        """The fit that it was drawn from. Raises `BadInput` where its equations are not at hand."""
+        """The fit that it was drawn from. Raises `BadInput` if its equations are not available."""
         with TemporaryDirectory() as folder:
             return load(write_atomically(Path(folder) / "the fit of the posterior", self.source), build)
 
     def must_be_of(self, fit: Fit) -> None:
-        """Raise `BadInput` where these are draws of another fit."""
+        """Raise `BadInput` if these are draws of another fit."""
         if dict(self.fit) != identity(fit):
             raise BadInput(
                 f"The posterior was drawn from another fit ({self.fit.get('model', 'unknown')}), not from this one of "
@@ -277,9 +277,9 @@ class Posterior:
             )
 
     def to_arviz(self) -> dict[str, dict[str, Array]]:
-        """Groups as `arviz.from_dict(**posterior.to_arviz())` takes them: arrays of shape (chains, draws).
+        """Groups for `arviz.from_dict(**posterior.to_arviz())`: arrays of shape (chains, draws).
 
-        Draws that are weighted are resampled to equal weights and make one chain. ArviZ itself is not needed.
+        Weighted draws are resampled to equal weights and make one chain. ArviZ itself is not needed.
         """
         if self.weighted:
             value = self.chosen(len(self))
@@ -290,7 +290,7 @@ class Posterior:
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """What `greybox sample --json` prints."""
+        """Plain data, as `greybox sample --json` prints it."""
         table = self.table
         return {
             "method": self.method,
@@ -310,7 +310,7 @@ class Posterior:
         }
 
     def save(self, path: str | Path) -> Path:
-        """Write it as Parquet, atomically."""
+        """Write the posterior as Parquet, atomically."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -325,7 +325,7 @@ class Posterior:
         )  # fmt: skip
         head["checksum"] = checksum(head)
         table = pa.Table.from_pandas(self.frame, preserve_index=False)
-        noise = np.ascontiguousarray(self.noise_alone, dtype="<f8").tobytes()  # columns of it would seem parameters
+        noise = np.ascontiguousarray(self.noise_alone, dtype="<f8").tobytes()  # its columns would pass for parameters
         known = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode(), NOISE_ALONE: noise}
         table = table.replace_schema_metadata({**(table.schema.metadata or {}), **known})
         target = Path(path)
@@ -344,7 +344,7 @@ class Posterior:
         return "\n".join([first, *lines, *(f"  {caution}" for caution in self.cautions())])
 
     def _chains(self, values: Array) -> Array:
-        """(chains, draws) of one column, cut to what all chains have."""
+        """(chains, draws) of one column, cut to the shortest chain."""
         order = np.lexsort((self.draw, self.chain))
         lengths = np.unique(self.chain, return_counts=True)[1]
         if len(lengths) == 0:
@@ -360,7 +360,7 @@ class Posterior:
 
 
 def identity(fit: Fit) -> dict[str, Any]:
-    """What tells a fit from others: its model, where its parameters stand, and the recordings it was trained on."""
+    """Identification of a fit: its model, its parameters' values, and its training recordings."""
     body = fit.as_dict()
     value = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
     return {
@@ -371,16 +371,16 @@ def identity(fit: Fit) -> dict[str, Any]:
 
 
 def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
-    """Read a posterior that `Posterior.save` or `greybox sample` wrote.
+    """Read a posterior written by `Posterior.save` or `greybox sample`.
 
     Parameters
     ----------
     path : the file.
-    going_on : whether it is going to be replaced by what goes on from it.
+    going_on : whether the file will be replaced by a continued run.
 
     Raises
     ------
-    BadInput : the file is not there, is something else, is damaged, or was written by another version.
+    BadInput : the file does not exist, is something else, is damaged, or was written by another version.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -409,13 +409,13 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
 
 
 def _sound(head: Mapping[str, Any], frame: pd.DataFrame, noise: bytes | None) -> Posterior:
-    """The posterior, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
+    """The posterior, if its content is reliable. Raises `TypeError` or `ValueError` otherwise."""
     drawn = of_plain(tuple[DrawnNumber, ...], head["coordinates"], "coordinates")
     names = [item.name for item in drawn]
     measured = "distance" if head["method"] == "abc-smc" else "log_posterior"
     if head["method"] not in ("laplace", "mcmc", "abc-smc") or list(frame) != [*OF_DRAWS, measured, *names]:
         raise ValueError("its columns are not those of its parameters")
-    values = np.ascontiguousarray(frame[names].to_numpy(dtype=float))  # sums depend on the order in memory
+    values = np.ascontiguousarray(frame[names].to_numpy(dtype=float))  # the order in memory affects sums
     earlier = head["version"] == WITHOUT_FORM
     if noise is None and not earlier:
         raise ValueError("it lacks the draws of the noise alone")
@@ -437,7 +437,7 @@ def _sound(head: Mapping[str, Any], frame: pd.DataFrame, noise: bytes | None) ->
 
 
 def must_name(fit: Fit, posterior: Posterior) -> None:
-    """Raise `BadInput` where a posterior draws what a fit's model has not."""
+    """Raise `BadInput` if a posterior draws parameters that a fit's model does not have."""
     for coordinate in posterior.coordinates:
         if coordinate.parameter not in fit.model or coordinate.entry >= len(
             entry_names(fit.model[coordinate.parameter])

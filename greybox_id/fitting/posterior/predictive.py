@@ -1,9 +1,9 @@
-"""What a posterior predicts of a recording: the mean over draws, and a band in which readings are expected.
+"""Predictions of a recording by a posterior: the mean over draws, and a band in which readings are expected.
 
-Readings scatter about a simulation by what the fit's own residuals scattered, and simulations of draws scatter by what
-the recordings left open: the band is the mean and a normal distribution of both variances together. The draws are those
-of the noise alone: residuals hold the error of the form already, and what that error does to parameters goes with it,
-so that predictions of both together scatter less than those of parameters by themselves.
+The band is that of a normal distribution with the sum of two variances: that of the fit's residuals, and that of
+simulations over draws. The draws are those of the likelihood alone: residuals already include the model-form error, and
+the shift of the parameters that it causes is correlated with it, so that both together scatter predictions less than
+the parameters by themselves.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .posterior import Posterior, must_name
 from .verb import must_suit_sampling
 
 DRAWS = 200
-"""Simulations; the width of a band is then told to 5 %."""
+"""Number of simulations; it determines the width of a band to 5 %."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class PredictiveBand:
     ----------
     mean : predictions, the mean over draws.
     sd : (samples, outputs) standard deviation of simulations over draws.
-    low, high : (samples, outputs) the band of readings.
-    level : share of readings expected within.
-    draws : how many were simulated.
+    low, high : (samples, outputs) band of readings.
+    level : share of readings expected within the band.
+    draws : number of simulations.
     """
 
     mean: Prediction
@@ -51,7 +51,7 @@ class PredictiveBand:
     draws: int
 
     def coverage(self) -> Array:
-        """(outputs,) share of the readings that lie within the band; NaN where there are none."""
+        """(outputs,) share of the readings within the band; NaN without readings."""
         read = np.isfinite(self.mean.measured) & np.isfinite(self.low)
         with np.errstate(invalid="ignore"):
             inside = (self.mean.measured >= self.low) & (self.mean.measured <= self.high)
@@ -72,11 +72,11 @@ def predictive_band(
 
     Parameters
     ----------
-    fit : whose posterior it is.
+    fit : the fit of the posterior.
     posterior : its draws.
-    recording : inputs and, where they are read, outputs.
+    recording : inputs and, if recorded, outputs.
     horizon : s ahead of readings; None for free runs.
-    level : of the band.
+    level : probability of the band.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def predictive_band(
         if base is None:
             base = result
             total, squares = np.zeros(base.predicted.shape), np.zeros(base.predicted.shape)
-        off = result.predicted - base.predicted  # about the first one, lest digits cancel
+        off = result.predicted - base.predicted  # relative to the first one, against cancellation of digits
         total, squares = total + off, squares + off**2
     assert base is not None
     mean = base.predicted + total / DRAWS
@@ -110,7 +110,7 @@ def predictive_band(
 
 
 def banded_table(model: Model, recording: Recording, band: PredictiveBand) -> pd.DataFrame:
-    """Predictions beside the readings there are, and for every output the band: `_low`, `_high`."""
+    """Predictions with the readings, if any, and for every output the band: `_low`, `_high`."""
     table = as_table(model, recording, band.mean, "predicted")
     for k, name in enumerate(model.outputs):
         at = list(table.columns).index(f"{name}_predicted") + 1

@@ -1,4 +1,4 @@
-"""The verb `sample`: draws of the posterior of a fit's parameters, gone on with where a run was interrupted."""
+"""The verb `sample`: draws from the posterior of a fit's parameters; an interrupted run can be continued."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from .mcmc import BURN_IN, Ensemble
 from .posterior import Method, Posterior, identity
 
 KEEP_EVERY = 2.0
-"""s between two savings of an unfinished run."""
+"""Seconds between two savings of an unfinished run."""
 MOST_DRAWS = 1_000_000
 
 Keep = Callable[[Posterior], None]
-"""Where an unfinished run is saved."""
+"""Saves an unfinished run."""
 
 
 @dataclass(frozen=True)
 class SampleOptions:
-    """How to sample.
+    """Options of sampling.
 
     Attributes
     ----------
-    method : "laplace" draws near the fit's normal distribution and weighs the draws by the posterior; "mcmc" draws from
-        the posterior, by walkers that emcee moves; "abc-smc" by distances alone, without a likelihood.
-    draws : how many; of abc-smc particles.
-    seed : of everything random.
-    distance : of abc-smc, "pooled" over all rows, or "trajectories": the mean of each one's.
+    method : "laplace" draws from the fit's normal distribution and weights the draws by the posterior; "mcmc" draws
+        from the posterior, by walkers that emcee moves; "abc-smc" by distances alone, without a likelihood.
+    draws : number of draws; for abc-smc of particles.
+    seed : seed of all random numbers.
+    distance : for abc-smc, "pooled" over all rows, or "trajectories": the mean of each trajectory's distance.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class SampleOptions:
 
 
 def must_suit_sampling(fit: Fit) -> MotionModel:
-    """The model of a fit. Raises `BadInput` for fits that have no posterior to draw from."""
+    """The model of a fit. Raises `BadInput` for fits without a posterior to draw from."""
     no = (
         f"The parameters of {fit.model.name} are the weights of a network, which have no useful posterior. "
         "Fit a model of equations of motion, or train the network from several seeds."
@@ -93,17 +93,17 @@ def sample(
 
     Parameters
     ----------
-    fit : of equations of motion.
-    recordings : those it was trained on, in its order.
+    fit : a fit of equations of motion.
+    recordings : its training recordings, in the fit's order.
     options : method, draws, seed.
-    begun : an earlier run that was interrupted, or had fewer draws; it is gone on with where it is of the same fit,
-        method, seed and distance.
-    keep : called now and then with what there is so far.
-    say : progress.
+    begun : an earlier run that was interrupted, or had fewer draws; it is continued if it has the same fit, method,
+        seed and distance.
+    keep : called now and then with the draws so far.
+    say : receives progress.
 
     Returns
     -------
-    Posterior. Ctrl-C leaves what there is, `complete` false.
+    Posterior. After Ctrl-C it contains the draws so far, with `complete` false.
 
     Raises
     ------
@@ -121,7 +121,7 @@ def sample(
 
 
 def _is_of(begun: Posterior, fit: Fit, how: SampleOptions) -> bool:
-    """Whether a run goes on from this one."""
+    """Whether this run can be continued."""
     same = dict(begun.fit) == identity(fit) and (begun.method, begun.seed) == (how.method, how.seed)
     if how.method == "abc-smc":
         return same and dict(begun.options) == _options(how) and not begun.complete
@@ -190,7 +190,7 @@ class _Run:
                 (values[order[k : k + walkers]], logs[order[k : k + walkers]]) for k in range(0, len(order), walkers)
             ]
             kept = kept[: max(start.block - BURN_IN, 0)]
-            whole = int(state["whole"])  # blocks that are kept whole: the last one may be cut to the draws asked for
+            whole = int(state["whole"])  # complete blocks kept: the last one may be cut to the requested draws
             if whole < len(kept) or (kept and len(kept[-1][0]) < walkers):
                 kept[-1] = (start.at, start.log_posterior)
             self.say(f"mcmc: continues after block {start.block}")

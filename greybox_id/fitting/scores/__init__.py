@@ -1,1 +1,1 @@
-"""How far a model is from a recording: predictions, errors, and what to hold them against."""
+"""Scores of a model on a recording: predictions, errors, and references to compare them with."""

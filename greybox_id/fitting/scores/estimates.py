@@ -1,4 +1,4 @@
-"""What hybrid models make of a recording: forces, stiffnesses, slips and motion, row by row."""
+"""Estimates of hybrid models on a recording: forces, stiffnesses, slips and motion, row by row."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ...models.model import must_be
 from ..fit import Fit
 
 SD = "_sd"
-"""What the name of a standard deviation ends in."""
+"""Suffix of the names of standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -27,8 +27,8 @@ class Estimates:
     Attributes
     ----------
     time : (n,) s.
-    columns : name -> (n,); NaN where the model does not hold or, of stiffnesses, where slip does not tell them.
-        Ensembles have `<name>_sd` besides, the spread of their members.
+    columns : name -> (n,); NaN where the model is not valid or, for stiffnesses, where slip is too small to identify
+        them. Ensembles have `<name>_sd` as well, the spread of their members.
     units : name -> SI unit.
     """
 
@@ -42,7 +42,7 @@ class Estimates:
         return self.columns[name]
 
     def table(self) -> pd.DataFrame:
-        """Time and all estimates, a column each."""
+        """Time and all estimates, one column each."""
         return pd.DataFrame({"time": self.time, **self.columns})
 
 
@@ -51,9 +51,9 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
 
     Parameters
     ----------
-    fits : of one hybrid model, or several trained from different seeds: then their mean and, as `<name>_sd`, their
-        spread. That is how far trainings differ, not all that is uncertain: what they have in common is missing.
-    recording : v_x [m/s] and steer [rad]; of a_y, yaw_rate, v_y no more than the first rows are read.
+    fits : of one hybrid model, or several from different seeds: then their mean and, as `<name>_sd`, their spread,
+        which is the variation between trainings, not the whole uncertainty: errors they have in common are missing.
+    recording : v_x [m/s] and steer [rad]; of a_y, yaw_rate, v_y only the first rows are used.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Errors over fixed horizons, from measured states, before and after."""
+"""Errors over fixed horizons, from measured states, of a model before and after a change."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from .metrics import ASTRAY
 Squares = dict[float | None, Array]
 """Horizon -> (outputs,) mean squares of errors."""
 HORIZONS = (0.1, 0.5, 2.0, None)
-"""s; None is the free run. Maps with memory that feed their outputs back are asked one sample ahead too, from windows
-of readings; nothing is known of them in between."""
+"""s; None is the free run. Models with memory that feed their outputs back are scored one sample ahead, too, from
+windows of readings, and at no horizon in between."""
 OVERLAPPING = 10
-"""Windows that a row lies in: within a tenth of a horizon they err alike."""
+"""Largest number of windows that a row lies in: within a tenth of a horizon their errors are alike."""
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class Errors:
 
     Attributes
     ----------
-    channel, unit : what is predicted.
+    channel, unit : predicted output and its unit.
     horizon : s predicted from measured states; None for the free run.
-    before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
+    before, after : of the original model, and with the applied effects; infinite if predictions diverge.
     floor : standard deviation of the noise.
     """
 
@@ -50,15 +50,15 @@ def by_horizon(before: Diagnosed, after: Diagnosed, recordings: Sequence[Recordi
 
     Parameters
     ----------
-    before, after : models, as they stand: tolerances are not refitted here.
-    recordings : what is predicted.
-    sd : (channels,) noise, below which no prediction can be.
+    before, after : models at their values; tolerances are not refitted here.
+    recordings : the predicted recordings.
+    sd : (channels,) noise, a lower limit of all errors.
     """
     return between(before.outputs, mean_squares(before, recordings), mean_squares(after, recordings), sd)
 
 
 def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) -> tuple[Errors, ...]:
-    """The same from what `mean_squares` says of both."""
+    """As `by_horizon`, from the results of `mean_squares` for both models."""
     errors = []
     for c, channel in enumerate(outputs):
         for horizon, item in first.items():
@@ -69,7 +69,7 @@ def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) ->
 
 
 def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
-    """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
+    """Horizon -> (outputs,) mean squares of errors; `simulator`: one of a model with the same equations, if any."""
     result: dict[float | None, list[Prediction]] = {}
     if isinstance(model, MemoryModel):
         if model.feedback is not None:
@@ -87,7 +87,7 @@ def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: S
 
 
 def _mean_squares(result: Sequence[Prediction], outputs: int) -> Array:
-    """(outputs,) mean squares over all recordings, NaN where nothing was read, infinite where a prediction diverges."""
+    """(outputs,) mean squares over all recordings, NaN without readings, infinite if a prediction diverges."""
     total, count = np.zeros(outputs), np.zeros(outputs)
     for item in result:
         e = item.predicted - item.measured
@@ -99,5 +99,5 @@ def _mean_squares(result: Sequence[Prediction], outputs: int) -> Array:
 
 
 def diverges(e: Array, measured: Array) -> bool:
-    """Whether an output's predictions do: an error, (n,), is beyond `ASTRAY` times the range of readings."""
+    """Whether an output's predictions diverge: an error, (n,), exceeds `ASTRAY` times the range of readings."""
     return len(e) > 0 and bool(np.max(np.abs(e)) > ASTRAY * (np.ptp(measured) or np.inf))

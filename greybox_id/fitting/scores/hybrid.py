@@ -1,4 +1,4 @@
-"""What hybrid models predict: free runs."""
+"""Predictions of hybrid models: free runs."""
 
 from __future__ import annotations
 

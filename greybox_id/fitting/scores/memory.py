@@ -1,11 +1,11 @@
-"""What models with memory predict, and their errors in the protocols of papers.
+"""Predictions of models with memory, and their errors in the protocols of papers.
 
 honest : windows never cross a join; all samples pooled; open loop (fed-back inputs measured).
-published : as in the papers on model-structured networks: windows laid across joins, the mean over batches of
+published : as in the papers on model-structured networks: windows cross joins, the mean over batches of
     100 windows of each batch's RMSE, an incomplete last batch dropped; open loop with measured a_x and a_y. A
-    recording of fewer than 100 windows is pooled. The papers' fractions of variance unexplained are two: that of
+    recording of fewer than 100 windows is pooled. The papers have two fractions of variance unexplained: that of
     their library's validator (`Error.fvu_published`) and the pooled one of their adaptations (`Error.fvu_pooled`).
-closed_loop : no window across a join, pooled; the model runs on its own predictions from the first window of
+closed_loop : no window across a join, pooled; the model is fed its own predictions from the first window of
     each run to its end.
 """
 
@@ -35,7 +35,7 @@ BATCH = 100
 def predictions(
     model: MemoryModel, recording: Recording, protocol: Protocol = "honest", trace: Trace | None = None
 ) -> Prediction:
-    """Predict a recording one sample ahead (open loop) or freely (closed loop); `trace` is the model's, if at hand."""
+    """Predict a recording one sample ahead (open loop) or freely (closed loop); `trace`: the model's, if available."""
     trace = Trace(model) if trace is None else trace
     result = runs(trace, recording, across_joins=protocol == "published")
     sensing = Sensing(trace.model)
@@ -87,7 +87,7 @@ def _predicted_how(model: MemoryModel, horizon: float | None, open_loop: bool) -
 
 
 def protocols(model: MemoryModel) -> tuple[Protocol, ...]:
-    """Those that a model has: one without a loop is scored in none."""
+    """The protocols that a model has: without feedback there is no closed loop."""
     return PROTOCOLS if model.feedback is not None else PROTOCOLS[:2]
 
 
@@ -132,7 +132,7 @@ def _as_published(predicted: Array, measured: Array) -> tuple[float, float]:
 
 
 def _full_batches(samples: int) -> int:
-    """Samples in full batches; all, where there is not one."""
+    """Samples in full batches; all, if there is no full batch."""
     return samples // BATCH * BATCH or samples
 
 
@@ -141,9 +141,9 @@ def aic(residual: Array, parameters: int, effective: float | None = None) -> flo
 
     Parameters
     ----------
-    residual : (samples,) errors of one output; what is no full batch is left out, as published.
+    residual : (samples,) errors of one output; an incomplete batch is dropped, as published.
     parameters : k.
-    effective : number of independent samples that they count as; None counts each, as published.
+    effective : effective number of independent samples; None counts each, as published.
     """
     value = residual[: _full_batches(len(residual))] if effective is None else residual
     n = float(len(value)) if effective is None else effective

@@ -1,8 +1,6 @@
-"""How far a model is from a recording: errors in the signals' own units, in stated protocols.
+"""Errors of a model on a recording, in the signals' units, by defined protocols; the verbs `simulate` and `predict`.
 
-What a kind of model predicts, and under which protocols it is scored, stands in the module of its name.
-
-The verbs `simulate` and `predict`: what a model makes of a recording, row by row.
+Predictions and protocols of each kind of model are in the module of its name.
 """
 
 from __future__ import annotations
@@ -25,18 +23,18 @@ from ..fit import Fit
 
 @by_kind
 def simulate(model: Model, recording: Recording, start: Mapping[str, float] | None = None) -> Prediction:
-    """Free run of every unbroken run, to its end, on the recorded inputs alone.
+    """Free run of every unbroken run, to its end, from the recorded inputs alone.
 
     Parameters
     ----------
-    model : at the values it is simulated with.
-    recording : its inputs; outputs need not be there.
-    start : states at the start of every run, in SI units; others start from the readings of the first row, and where
-        there are none as the model says.
+    model : the model, at its values.
+    recording : its inputs; outputs may be missing.
+    start : states at the start of every run, in SI units; others start from the readings of the first row or, without
+        readings, as the model says.
 
     Raises
     ------
-    BadInput : an input is missing, or the model has no loop to run in.
+    BadInput : an input is missing, or the model cannot run freely.
     """
     raise BadInput(f"{model.name} is not simulated.")
 
@@ -47,15 +45,15 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
 
     Parameters
     ----------
-    model : equations of motion, a map with memory, or a hybrid of physics and network.
+    model : equations of motion, a model with memory, or a hybrid of physics and network.
     recording : inputs and readings.
-    horizon : s; equations of motion predict every row from the readings so much earlier. None runs freely from
+    horizon : s; equations of motion predict every row from the readings this much earlier. None runs freely from
         the first row of each run.
-    open_loop : maps with memory predict one sample ahead from measured inputs; those without a loop do so anyway.
+    open_loop : models with memory predict one sample ahead from measured inputs; those without feedback always do.
 
     Raises
     ------
-    BadInput : a signal is missing, the horizon does not suit the recording, or the model knows no such thing.
+    BadInput : a signal is missing, the horizon does not suit the recording, or the model does not have this option.
     """
     if horizon is not None or open_loop:
         raise BadInput(f"{model.name} runs freely from the start of each run; omit ‹horizon› and ‹open_loop›.")
@@ -64,12 +62,12 @@ def predict(model: Model, recording: Recording, horizon: float | None = None, *,
 
 @by_kind
 def predicted_how(model: Model, horizon: float | None, open_loop: bool) -> tuple[str, dict[str, Any]]:
-    """How `predict` predicts, in words and as data."""
+    """The kind of prediction that `predict` makes, in words and as data."""
     return "free run", {}
 
 
 def must_suit(horizon: float, recordings: Sequence[Recording]) -> None:
-    """Raise `BadInput` where a horizon is shorter than a sample or longer than every run of a recording."""
+    """Raise `BadInput` if a horizon is shorter than a sample or longer than every run of a recording."""
     for recording in recordings:
         step = recording.sample_time
         longest = max(float(recording.time[stop - 1] - recording.time[start]) for start, stop in recording.runs)
@@ -84,12 +82,12 @@ def must_suit(horizon: float, recordings: Sequence[Recording]) -> None:
 
 @by_kind
 def assumed(model: Model, recording: Recording, start: Mapping[str, float]) -> list[str]:
-    """Sentences on states that are neither recorded nor given, where the model starts them from a mere number."""
+    """Sentences on states that are neither recorded nor given, and for which the model assumes a fixed start."""
     return []
 
 
 def as_table(model: Model, recording: Recording, prediction: Prediction, suffix: str) -> pd.DataFrame:
-    """Predictions beside the readings there are: time, run, and every output as read and as predicted."""
+    """Predictions with the readings, if any: time, run, and every output as read and as predicted."""
     table = pd.DataFrame({"time": recording.time[prediction.rows], "run": prediction.run + 1})
     for k, name in enumerate(model.outputs):
         if name in recording:
@@ -99,19 +97,19 @@ def as_table(model: Model, recording: Recording, prediction: Prediction, suffix:
 
 
 ASTRAY = 10.0
-"""A prediction that is off by more than so many times the range of the readings has diverged."""
+"""Error, in ranges of the readings, beyond which a prediction has diverged."""
 
 
 @dataclass(frozen=True)
 class Divergence:
-    """Where predictions go astray: further from the readings than `ASTRAY` times their range, or no numbers at all.
+    """Divergence of predictions: errors beyond `ASTRAY` times the range of readings, or not finite.
 
     Attributes
     ----------
-    run : number of the first run in which they do, from 1.
-    after : s from the start of that run (free run) or the horizon (so many seconds ahead).
-    share : of the runs, or of the predictions so many seconds ahead.
-    free : whether it is a free run that diverges.
+    run : number of the first run with divergence, from 1.
+    after : s from the start of that run (free run) or the horizon (predictions over a horizon).
+    share : share of the runs, or of the predictions over the horizon.
+    free : whether a free run diverges.
     """
 
     run: int
@@ -121,7 +119,7 @@ class Divergence:
 
     @property
     def words(self) -> str:
-        """As the end of a sentence."""
+        """The divergence, as the end of a sentence."""
         if self.free:
             return f"diverges after {self.after:.3g} s in run {self.run}"
         share = f"{100 * self.share:.2g} %" if self.share < 0.995 else "all"
@@ -139,12 +137,12 @@ class Error:
         or over the batches of the published protocol.
     fvu : fraction of variance unexplained, var(error)/var(measured), over all samples.
     samples : predictions scored.
-    spread : standard deviation of the readings, in the output's unit; NaN where it was not kept.
-    diverges : where the model's prediction goes astray; None where it does not. No RMSE is told then: it is infinite.
-    fvu_published : (var(error)/var(measured) + var(error)/var(predicted))/2 over full batches, as nnodely's validator
-        has it; NaN outside the published protocol.
-    fvu_pooled : sum of squared errors over that of the readings about their mean: a bias counts; NaN likewise.
-    blocks : mean square of each block of one second over that of all, row by row; empty where it was not kept.
+    spread : standard deviation of the readings, in the output's unit; NaN if it was not kept.
+    diverges : divergence of the predictions; None without. The RMSE is then infinite.
+    fvu_published : (var(error)/var(measured) + var(error)/var(predicted))/2 over full batches, as in nnodely's
+        validator; NaN outside the published protocol.
+    fvu_pooled : sum of squared errors over that of the readings around their mean, which includes a bias; NaN likewise.
+    blocks : mean square of each block of one second over that of all, in order of time; empty if it was not kept.
     """
 
     rmse: float
@@ -159,16 +157,16 @@ class Error:
 
     @property
     def fit_percent(self) -> float:
-        """100 (1 - RMSE / standard deviation of the readings), as system identification has it; 100 is perfect."""
+        """100 (1 - RMSE / standard deviation of the readings), as usual in system identification; 100 is perfect."""
         return 100.0 * (1.0 - self.rmse / self.spread) if self.spread > 0 else np.nan
 
 
 HORIZONS = (0.1, 0.5, 1.0, 2.0)
-"""Seconds ahead at which motion models are scored."""
+"""Horizons, s, at which motion models are scored."""
 
 
 def ahead(horizon: float) -> str:
-    """Name of the protocol that predicts so many seconds ahead."""
+    """Name of the protocol that predicts over a horizon, s."""
     return f"{horizon:g} s ahead"
 
 
@@ -178,7 +176,7 @@ Scores = Mapping[str, Mapping[str, Error]]
 
 @by_kind
 def score(model: Model, recording: Recording) -> Scores:
-    """Errors of every output under every protocol that the model has; in free run where a kind says nothing else."""
+    """Errors of every output under every protocol of the model's kind; by default in free run."""
     return {FREE_RUN: prediction_errors(model.outputs, simulate(model, recording), recording.sample_time)}
 
 
@@ -186,12 +184,12 @@ def score(model: Model, recording: Recording) -> Scores:
 def score_beside_hold(
     model: Model, recording: Recording, horizons: Sequence[float] = HORIZONS
 ) -> tuple[Scores, Scores]:
-    """The same, and errors of holding the reading it started from over the same rows, where a kind tells them."""
+    """`score`, and errors of persistence over the same rows, if the model's kind has them."""
     return score(model, recording), {}
 
 
 def unfitted_scores(fit: Fit, recording: Recording) -> Scores:
-    """Errors of a fit's model as it was before it was fitted; empty where that was not kept."""
+    """Errors of a fit's model at its values before the fit; empty if those were not kept."""
     before = {name: value for name, value in fit.how.get("unfitted", {}).items() if name in fit.model}
     if not before:
         return {}
@@ -201,7 +199,7 @@ def unfitted_scores(fit: Fit, recording: Recording) -> Scores:
 def prediction_errors(
     outputs: Sequence[str], prediction: Prediction, sample_time: float, horizon: float | None = None
 ) -> dict[str, Error]:
-    """Errors of every output that was read; predictions of a free run where no horizon, s, is given."""
+    """Errors of every measured output; the predictions are of a free run if no horizon, s, is given."""
     result = {}
     for k, output in enumerate(outputs):
         read = np.isfinite(prediction.measured[:, k]) & ~np.isnan(prediction.predicted[:, k])
@@ -217,7 +215,7 @@ def prediction_errors(
 def _divergence(
     prediction: Prediction, k: int, read: Mask, sample_time: float, horizon: float | None
 ) -> Divergence | None:
-    """Whether the predictions of an output go astray in the rows that were read."""
+    """Divergence of an output's predictions in the rows with readings, if any."""
     measured, predicted, run = prediction.measured[read, k], prediction.predicted[read, k], prediction.run[read]
     far = ASTRAY * float(np.ptp(measured)) or ASTRAY * max(float(np.max(np.abs(measured))), 1.0)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -234,7 +232,7 @@ def _divergence(
 
 def error_of(predicted: Array, measured: Array, sample_time: float) -> Error:
     """The error of one output, all samples pooled."""
-    with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged leaves the range of numbers
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverging simulation overflows
         residual = predicted - measured
         square = residual**2
         rmse = float(np.sqrt(np.mean(square)))
@@ -261,5 +259,5 @@ def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, di
 
 
 def standard_error(blocks: Array) -> float:
-    """Standard error of the mean of blocks; NaN where one block cannot tell."""
+    """Standard error of the mean of blocks; NaN for a single block."""
     return float(np.std(blocks, ddof=1) / np.sqrt(len(blocks))) if len(blocks) > 1 else float("nan")

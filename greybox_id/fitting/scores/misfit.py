@@ -1,6 +1,6 @@
-"""Reasons against a fit that its residuals give: too short, nothing moved, nothing explained, or of another form.
+"""Reasons against a fit from its residuals: too short, nothing moved, nothing explained, or model-form error.
 
-What is measured stands in `fitting/uncertainty/form.py`; here it becomes sentences.
+`fitting/uncertainty/form.py` measures these; this module puts them in sentences.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ from ..fit import CLEARLY, EIGHTHS, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
 UNEXPLAINED = 0.5
-"""Share of an output's variance beyond its noise that may be left unexplained in half of the outputs."""
+"""Unexplained share of an output's variance, noise removed, beyond which half of the outputs disqualify a fit."""
 OF_FORM, DOUBTFUL, FOREIGN_FORM = 0.1, 0.13, 0.2
-"""Error of form over an output's spread that has to be known, that another vehicle may have, and that leaves none: good
-fits of vehicles within tolerances, of other tyres and with delays of milliseconds, have up to 0.13 (median 0.08)."""
+"""Model-form error over an output's spread that is reported, that suggests another vehicle, and that disqualifies a
+fit: good fits of vehicles within tolerances, with other tyres and with delays of milliseconds, have up to 0.13 (median
+0.08)."""
 TIMES_NOISE = 5.0
-"""Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
+"""Ratio of residuals to their noise that is reported if functions of the drive explain most of them."""
 ALSO = 0.25
-"""Of what explains most of the residuals, the part that is named beside it."""
+"""Share of the strongest explanation that a second one must reach to be named."""
 SMALL_HALVES = 0.01
-"""Error over the spread that other parameters in the second half explain, the least that is told."""
+"""Smallest error, over the spread, explained by other parameters in the second half that is reported."""
 
 
 def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
-    """Raise `BadInput` where recordings can carry no fit of equations of motion: they are too short, or nothing moves.
+    """Raise `BadInput` if recordings cannot support a fit of equations of motion: they are too short, or nothing moves.
 
     Parameters
     ----------
-    model : that is to be fitted; one with a memory counts its windows itself.
+    model : the model to fit; one with memory counts its windows itself.
     recordings : training data.
     """
     if not isinstance(model, MotionModel):
@@ -63,7 +64,7 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
 
 
 def misfit(fit: Fit) -> Iterator[Reason]:
-    """Reasons against a fit of equations of motion; residuals are judged by the noise that is stated, if it is."""
+    """Reasons against a fit of equations of motion; residuals are compared with the stated noise, if any."""
     if not isinstance(fit.model, MotionModel) or "imported" in fit.how:
         return
     yield from _short(fit)
@@ -101,13 +102,13 @@ def misfit(fit: Fit) -> Iterator[Reason]:
 
 
 def foreign_form(fit: Fit) -> bool:
-    """Whether what the model lacks leaves nothing of a fit: then it is that which widens intervals, not the drive."""
+    """Whether model-form error disqualifies a fit: it then widens the intervals, not a lack of excitation."""
     outputs = fit.how.get("form", {}).get("outputs", {}).values()
     return any(_of_form(one) > FOREIGN_FORM for one in outputs if not one["spread"] < MOVES * one["noise"])
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
-    """Whether a later part of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
+    """A reason if a later part of the data prefers other parameters; refits test whether it needs them (`carrying`)."""
     if not (form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES):
         return
     gain = f"(log-likelihood higher by {form['halves_gain']:.0f})"
@@ -141,7 +142,7 @@ def _short(fit: Fit) -> Iterator[Reason]:
 
 
 def _depends(on: Sequence[str]) -> str:
-    """What residuals vary with, and which error of an input they look like."""
+    """The variables with which residuals vary, and the input errors that they resemble."""
     like = [word for word in on if word.startswith(("a ", "an "))]
     plain = [word for word in on if word not in like]
     varies = f" The error varies with {listed(plain)}." if plain else ""
@@ -149,7 +150,7 @@ def _depends(on: Sequence[str]) -> str:
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
-    """What residuals depend on, where it matters."""
+    """The dependence of residuals, if it is large enough to report."""
     error, noise = _of_form(one), stated.get(name, one["noise"])
     times = one["residual"] / noise if noise > 0 else 0.0
     on = [word for word, part in one["on"].items() if part > ALSO * max(one["on"].values())][:2]
@@ -173,12 +174,12 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
 
 
 def _of_form(one: Mapping[str, Any]) -> float:
-    """Error of form over the output's spread."""
+    """Model-form error over the output's spread."""
     return float((one["explained"] ** 0.5) * one["residual"] / one["spread"]) if one["spread"] > 0 else 0.0
 
 
 def _unexplained(one: Mapping[str, Any]) -> float:
-    """Share of an output's variance beyond its noise that is left."""
+    """Unexplained share of an output's variance, noise removed."""
     noise = one["noise"] if one["noise"] == one["noise"] else 0.0
     left, all_of_it = (max(one[key] ** 2 - noise**2, 0.0) for key in ("residual", "spread"))
     return left / all_of_it if all_of_it > 0 else 0.0

@@ -1,5 +1,5 @@
-"""What equations of motion predict, and their errors: so many seconds ahead from the readings of every row, and in free
-run from the first row of each run to its end; beside them, those of holding a reading.
+"""Predictions of equations of motion, and their errors: over horizons from the readings of every row, and in free run
+from the first row of each run to its end; for comparison, those of persistence.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _predicted_how(model: MotionModel, horizon: float | None, open_loop: bool) -
 
 
 def in_order(prediction: Prediction) -> Prediction:
-    """Predictions run by run, row by row. Raises `BadInput` where there are none."""
+    """Predictions run by run, row by row. Raises `BadInput` if there are none."""
     if len(prediction.rows) == 0:
         raise BadInput("There is no row to predict from: no row has readings of all measured states.")
     return prediction.taken(np.lexsort((prediction.rows, prediction.run)))
@@ -92,7 +92,7 @@ def _score(model: MotionModel, recording: Recording) -> Scores:
 def score_motion(
     simulator: Simulator, recording: Recording, p: Array, horizons: Sequence[float] = HORIZONS
 ) -> dict[str, dict[str, Error]]:
-    """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are left out."""
+    """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are dropped."""
     predictor = Predictor(simulator, recording, p)
     result = dict(zip(map(ahead, horizons), predictor.each_ahead(horizons), strict=True))
     result[FREE_RUN] = predictor.free_run()
@@ -109,7 +109,7 @@ def score_motion(
 def _score_beside_hold(
     model: MotionModel, recording: Recording, horizons: Sequence[float] = HORIZONS
 ) -> tuple[Scores, Scores]:
-    """In free run what is held is the reading of the run's first row."""
+    """In free run, persistence keeps the reading of the run's first row."""
     predictor = Predictor(Simulator(model), recording, model.values)
     value: dict[str, Mapping[str, Error]] = {}
     held: dict[str, Mapping[str, Error]] = {}
@@ -124,7 +124,7 @@ def _score_beside_hold(
 
 
 def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
-    """The same rows predicted by the last reading a horizon before, or in free run by the run's first."""
+    """Persistence for the same rows: the last reading a horizon before, in free run the run's first."""
     held = np.full(predictions.predicted.shape, np.nan)
     order = np.argsort(predictions.run, kind="stable")
     edges = np.searchsorted(predictions.run[order], np.arange(len(runs) + 1))

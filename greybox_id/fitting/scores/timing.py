@@ -1,13 +1,12 @@
-"""How much later than a model's inputs its outputs are stamped in a recording, run by run.
+"""Delays of a recording's outputs relative to a model's inputs, run by run.
 
-Clocks of commands and sensors are often joined anew for every run. On the recordings of a 1:10 car at 20 Hz the yaw
-rate's stamps lie between 35 ms early and 35 ms late of those that a network was trained on, and that alone doubles its
-error; a few seconds tell it to some milliseconds. What is late is taken back by moving the inputs, straight lines
-between samples; readings stay what they are.
+Clocks of commands and sensors are often synchronised anew for every run. On the recordings of a 1:10 car at 20 Hz the
+yaw rate's stamps lie between 35 ms before and 35 ms after those of the training data, and that alone doubles a
+network's error; a few seconds determine the delay to some milliseconds. A delay is corrected by shifting the inputs,
+interpolated linearly between samples; readings stay unchanged.
 
-What a new run's delay is can be told from its first seconds of motion and is then held: `calibrated_timing`. Outputs of
-parts of a coupled model have delays of their own, since their readings and what drives them may be stamped by different
-clocks.
+`calibrated_timing` estimates the delay of a new run from its first seconds of motion and keeps it. Outputs of parts of
+a coupled model have delays of their own, since their readings and inputs may be stamped by different clocks.
 """
 
 from __future__ import annotations
@@ -33,23 +32,23 @@ from .memory import errors, predictions
 from .metrics import Error
 
 CALIBRATED = 5.0
-"""Seconds of motion at the start of each run that tell its delay, unless other ones are asked for."""
+"""Default of the seconds of motion at the start of each run from which its delay is estimated."""
 LONGEST = 1e4
-"""Seconds above which no run is calibrated: what is longer is a mistyped number."""
+"""Largest number of seconds for calibration: a larger one is a typing error."""
 
 SPREAD = 0.03
-"""Standard deviation of a delay before a run is seen, s: what `sensor_latency_imu` states of maps with memory."""
+"""Prior standard deviation of a delay, s: that of `sensor_latency_imu` in models with memory."""
 EARLIEST, LATEST = -0.8, 3.0
-"""Delays looked for, samples: one that is early by a sample would need inputs of the very sample to be predicted."""
+"""Range of delays, samples: with an output early by a sample, the predicted sample's own inputs would be needed."""
 STEP = 0.2
-"""Between the delays tried, samples; a parabola tells what lies between."""
+"""Spacing of the delays tried, samples; a parabola interpolates between them."""
 FEWEST = 20
-"""Readings in motion below which a run keeps the delay it was trained with."""
+"""Readings in motion below which a run keeps its training delay."""
 MAY_BE_EARLY = ("yaw_rate",)
-"""Outputs that may be early. An acceleration may not: the speed among the inputs is its integral, and inputs ahead of
-the reading would give away what is to be predicted."""
+"""Outputs that may be early. An acceleration may not: the speed among the inputs is its integral, and inputs after the
+reading would leak it."""
 DRIVEN_BY = {"steer": "yaw_rate", "motor_current": "a_x", "v_x": "a_x"}
-"""Inputs of a coupled model in closed loop -> the output whose delay moves them; what is fed back is not moved."""
+"""Inputs of a coupled model in closed loop -> the output whose delay shifts them; fed-back inputs are not shifted."""
 _WRITTEN = re.compile(r"timing(?:\s*=\s*([0-9.eE+-]+)\s*s?)?")
 
 
@@ -61,7 +60,7 @@ class RunDelay:
     ----------
     run : its number, from 0.
     delay, sd : s, and its standard deviation.
-    stop : row of the recording after the last one that was looked at; the run's end, where it holds no more than that.
+    stop : row of the recording after the last one used; the run's end, if the run has no more rows than needed.
     """
 
     run: int
@@ -73,13 +72,14 @@ class RunDelay:
 def run_delays(
     part: MemoryModel, recording: Recording, noise: Mapping[str, float], seconds: float | None = None
 ) -> list[RunDelay]:
-    """The most likely delay of every run after its first seconds of motion; the one of least error, held to `SPREAD`.
+    """The most likely delay of every run from its first seconds of motion, with a normal prior of `SPREAD`.
 
     Parameters
     ----------
     part : a model whose outputs share a delay.
+    recording : the recording.
     noise : output -> standard deviation of its residuals in training.
-    seconds : of motion to look at from the start of each run; None for all.
+    seconds : seconds of motion to use from the start of each run; None for all.
     """
     trace, dt = Trace(part), recording.sample_time
     lowest = EARLIEST if set(part.outputs) & set(MAY_BE_EARLY) else 0.0
@@ -90,7 +90,7 @@ def run_delays(
     for error, lag in zip(errors, lags, strict=True):
         try:
             seen = predictions(part, aligned(recording, part.inputs, dict.fromkeys(everywhere, lag * dt)), trace=trace)
-        except BadInput:  # too short for a window that is moved
+        except BadInput:  # too short for a shifted window
             continue
         error[seen.rows] = (seen.predicted - seen.measured) / counted
     known = np.all(np.isfinite(errors), axis=(0, 2)) & (moving(recording) > 0)
@@ -108,7 +108,7 @@ def run_delays(
 
 
 def _most_likely(errors: Array, delays: Array) -> tuple[float, float]:
-    """From (delays, rows, outputs) errors in noise standard deviations: the likeliest delay and its sd, s."""
+    """From (delays, rows, outputs) errors in noise standard deviations: the most likely delay and its sd, s."""
     squares = np.sum(errors**2, axis=(1, 2))
     best = errors[int(np.argmin(squares))]
     independent = max(1.0, float(np.mean(best**2))) * correlation_time(best)
@@ -122,7 +122,7 @@ def _most_likely(errors: Array, delays: Array) -> tuple[float, float]:
 
 
 def aligned(recording: Recording, inputs: Sequence[str], delays: Mapping[int, float]) -> Recording:
-    """The recording with inputs moved to where the readings of runs with these delays, s, belong; NaN beyond a run."""
+    """The recording with inputs shifted by the runs' delays, s, to match the readings; NaN beyond a run."""
     signals: dict[str, Any] = {}
     for name in inputs:
         if name not in recording:
@@ -139,18 +139,18 @@ def aligned(recording: Recording, inputs: Sequence[str], delays: Mapping[int, fl
 
 
 def timed(part: MemoryModel, recording: Recording, delays: Mapping[int, float]) -> Prediction:
-    """Predictions of a recording whose runs have these delays, s; run -> none where there is none."""
+    """Predictions of a recording with these delays, run -> s; runs not listed have none."""
     used = {run: delay for run, delay in delays.items() if delay}
     return predictions(part, aligned(recording, part.inputs, used) if used else recording)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Delays of the runs of a recording, told by their first seconds.
+    """Delays of the runs of a recording, estimated from their first seconds.
 
     Attributes
     ----------
-    seconds : of motion that were looked at in each run; None for all of it.
+    seconds : seconds of motion used in each run; None for all.
     delays : outputs of a part -> a delay for each run.
     """
 
@@ -162,7 +162,7 @@ class Timing:
         return {delay.run: delay.delay for delay in self.delays[tuple(outputs)]}
 
     def looked_at(self, recording: Recording) -> Array:
-        """(rows,) whether a row told a delay, or stands before one that did."""
+        """(rows,) whether a row was used to estimate a delay, or comes before one that was."""
         result = np.zeros(len(recording), dtype=bool)
         for several in self.delays.values():
             for item in several:
@@ -180,11 +180,11 @@ class Timing:
 
 
 def calibrated_seconds(words: str | Iterable[str] | None) -> float | None:
-    """Seconds of motion that tell a run's delay: "timing" takes `CALIBRATED`, "timing=8s" 8; none of them, None.
+    """Parse `calibrate` to seconds of motion: "timing" gives `CALIBRATED`, "timing=8s" 8, nothing None.
 
     Raises
     ------
-    BadInput : there is no such thing to calibrate, or what follows is no number of seconds above zero.
+    BadInput : the text is unknown, or its number of seconds is not above zero.
     """
     several = [words] if isinstance(words, str) else list(words or ())
     if not several:
@@ -206,19 +206,19 @@ def calibrated_seconds(words: str | Iterable[str] | None) -> float | None:
 
 
 def calibration_words(seconds: float) -> str:
-    """Name of the protocol in which so many seconds of motion tell a run's delay, and what follows is scored."""
+    """Name of the protocol that estimates each run's delay from its first seconds of motion and scores the rest."""
     return f"timing calibrated on {seconds:g} s"
 
 
 def parts_of(model: MemoryModel) -> list[MemoryModel]:
-    """The parts of a coupled model, or the model itself, at the values of the whole."""
+    """The parts of a coupled model at the whole model's values, or the model itself."""
     return [
         part.with_parameters(*(model[parameter.name] for parameter in part.parameters)) for part in model.parts
     ] or [model]
 
 
 def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
-    """Standard deviation of residuals in training; on a recording, where the fit was never trained here."""
+    """Standard deviation of residuals in training; on the given recording, if the fit has none stored."""
     model = must_have_timing(fit.model)
     known = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
     if set(model.outputs) <= set(known):
@@ -229,7 +229,7 @@ def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
 
 
 def must_have_timing(model: Model) -> MemoryModel:
-    """The model, if its runs tell delays that can be held. Raises `BadInput` for others."""
+    """The model, if its runs have delays that can be estimated. Raises `BadInput` for others."""
     none = (
         f"‹calibrate› is for models with memory, and {model.name} is not one. Add the effect steering_delay or "
         "sensor_latency_yaw to equations of motion, and fit it per run."
@@ -238,17 +238,17 @@ def must_have_timing(model: Model) -> MemoryModel:
 
 
 def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CALIBRATED) -> Timing:
-    """The delay of every run of a recording, told by its first seconds of motion; of the fit, nothing moves.
+    """The delay of every run of a recording, estimated from its first seconds of motion; the fit stays unchanged.
 
     Parameters
     ----------
-    fit : of a model with memory.
+    fit : a fit of a model with memory.
     recording : inputs and readings.
-    seconds : of motion to look at from the start of each run; None for all.
+    seconds : seconds of motion to use from the start of each run; None for all.
 
     Raises
     ------
-    BadInput : the model is of another kind, or no run has anything left behind its first seconds.
+    BadInput : the model is of another kind, or no rows remain after the first seconds.
     """
     parts = parts_of(must_have_timing(fit.model))
     noise = residual_noise(fit, recording)
@@ -266,14 +266,14 @@ def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CA
 def calibrated_predictions(
     model: MemoryModel, recording: Recording, timing: Timing, *, open_loop: bool = True
 ) -> Prediction:
-    """Predictions of what follows the calibrated seconds, each run's delay taken back.
+    """Predictions after the calibrated seconds, with each run's delay corrected.
 
     Parameters
     ----------
-    model : with memory.
+    model : a model with memory.
     recording : inputs and readings.
-    timing : what `calibrated_timing` told of the recording.
-    open_loop : one sample ahead, each part with its own delay; else freely, inputs moved as `DRIVEN_BY` says.
+    timing : the recording's delays, from `calibrated_timing`.
+    open_loop : one sample ahead, each part with its own delay; else freely, inputs shifted according to `DRIVEN_BY`.
     """
     predicted, measured = (np.full((len(recording), len(model.outputs)), np.nan) for _ in range(2))
     if open_loop or model.feedback is None:
@@ -298,7 +298,7 @@ def calibrated_predictions(
 
 
 def aligned_together(model: MemoryModel, recording: Recording, timing: Timing) -> Recording:
-    """The recording for all parts at once: every input moved by the delay of the output that it drives."""
+    """The recording for all parts at once: every input shifted by the delay of the output that it drives."""
     parts = parts_of(model)
     for part in parts:
         delays = {run: delay for run, delay in timing.of(part.outputs).items() if delay}
@@ -308,7 +308,7 @@ def aligned_together(model: MemoryModel, recording: Recording, timing: Timing) -
 
 
 def calibrated_errors(model: MemoryModel, recording: Recording, timing: Timing) -> dict[str, Error]:
-    """Errors one sample ahead, pooled, on what follows the calibrated seconds of each output's part."""
+    """Pooled errors one sample ahead, after the calibrated seconds of each output's part."""
     result: dict[str, Error] = {}
     for part in parts_of(model):
         result |= errors_after(part, recording, timing.delays[tuple(part.outputs)])
@@ -316,7 +316,7 @@ def calibrated_errors(model: MemoryModel, recording: Recording, timing: Timing) 
 
 
 def errors_after(part: MemoryModel, recording: Recording, delays: Sequence[RunDelay]) -> dict[str, Error]:
-    """Errors of a part with delays taken back, behind the rows that told them; nothing where no window fits."""
+    """Errors of a part with delays corrected, after the rows used for them; empty if no window fits."""
     try:
         seen = timed(part, recording, {delay.run: delay.delay for delay in delays})
     except BadInput:
@@ -329,7 +329,7 @@ def errors_after(part: MemoryModel, recording: Recording, delays: Sequence[RunDe
 
 
 def moving(recording: Recording) -> Array:
-    """(rows,) whether the vehicle moves, 1 or 0; always, where its speed was not recorded."""
+    """(rows,) whether the vehicle moves, 1 or 0; always 1 if its speed was not recorded."""
     if "v_x" not in recording:
         return np.ones(len(recording))
     return np.where(np.abs(recording["v_x"]) > ROLLING, 1.0, 0.0)

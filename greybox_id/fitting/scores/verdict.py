@@ -1,9 +1,9 @@
-"""The verdict on a fit: how it predicts, how it was found, and whether its data can be trusted.
+"""The verdict on a fit: how it predicts, how it was estimated, and whether its data are reliable.
 
-Each rule is one reason, and says what it leaves at best. What an engineer would do with the fit decides which: "not
-usable" is a fit that predicts no better than no fit would, or one of data that mean nothing; "usable with care" is one
-of which something has to be known before it is used. A fit that nothing was held out from is usable with care at best:
-errors on the data that parameters were chosen on are no proof.
+Each rule gives a reason and the best verdict that it permits, from an engineer's point of view: "not usable" is a fit
+that predicts no better than no fit would, or one of meaningless data; "usable with care" is one of which something must
+be known before it is used. A fit without held-out data is usable with care at best: errors on training data prove
+nothing.
 """
 
 from __future__ import annotations
@@ -29,36 +29,37 @@ from .misfit import foreign_form, misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
-"""Horizons below this, s, are not judged against holding a reading: over a tenth of a second nothing moves."""
+"""Horizons below this, s, are not compared with persistence: over a tenth of a second nothing moves."""
 WORSE = 1.1
-"""Errors this many times as large are worse; over stretches of minutes they vary by less."""
+"""Ratio of errors that counts as worse; over stretches of minutes errors vary by less."""
 BY_CHANCE, BLOCK = 0.01, 2
-"""Share of fits no worse than the unfitted model of which a difference of errors between stretches of so many seconds,
-the longest horizon, is taken for more than chance."""
+"""Significance level for errors larger than the unfitted model's; length, s, of the stretches whose differences are
+tested, that of the longest horizon."""
 FOREIGN = 1.5
-"""Held-out errors so many times those on the training data say that the fit does not carry over."""
+"""Ratio of held-out errors to training errors above which the fit does not carry over."""
 UNEXPLAINED = 0.5
-"""Share of an output's variance that may be left unexplained before it has to be known."""
+"""Unexplained share of an output's variance that is reported."""
 DOUBTS = ("explained", "unrelated", "slides")
-"""Findings that are told of a fit's data though nothing else witnesses them."""
+"""Kinds of findings on a fit's data that are reported even without other evidence."""
 HOLES = 0.05
-"""Share of rows that may be missing in a channel before its recording counts as broken."""
+"""Largest share of missing rows in a channel before its recording counts as broken."""
 MANY = 100
-"""More times as large than this is not told as a number."""
+"""Largest ratio that is printed as a number."""
 MEAN = 1.0
-"""Share of variance left by the mean of the readings."""
+"""Unexplained share of variance of a prediction by the mean of the readings."""
 FOREIGN_PRIOR, FARTHEST = 8.0, 10.0
-"""Estimates so many prior standard deviations off, and three of their own, are not of the vehicle that was stated; nor
-are those beyond the second, however uncertain. Within tolerances, what a model lacks moves them by up to six."""
+"""Distance of an estimate from its prior mean, in prior standard deviations, that means another vehicle: the first if
+it is also three of its own standard deviations, the second in any case. Within tolerances, model errors move estimates
+by up to six."""
 ANOTHER = 0.14
-"""Relative change of a wheelbase or a steering ratio from which another vehicle was stated: twice as far as what models
-lacked moved true wheelbases (`uncertainty/stated.py`)."""
+"""Relative change of a wheelbase or a steering ratio that means another vehicle: twice as far as model errors moved
+true wheelbases (`uncertainty/stated.py`)."""
 CORNER = 0.5
-"""An optimum with more than this share of its free numbers at bounds is no vehicle's."""
+"""Share of free parameters at bounds above which an optimum is a corner, not a vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
-"""Share of runs, and of predictions so many seconds ahead, that may diverge of a fit that is of any use."""
+"""Largest share of diverging runs, and of diverging predictions over a horizon, of a usable fit."""
 ALIKE = 0.01
-"""Starts whose objective is within this share of the best ended alike."""
+"""Relative difference of objectives within which two starts count as having the same optimum."""
 
 
 def judged(
@@ -76,13 +77,13 @@ def judged(
     Parameters
     ----------
     fit : the fit.
-    value : role or recording -> protocol -> output -> its error; "train" is what it was fitted to, all else was held
+    value : role or recording -> protocol -> output -> its error; "train" is the training data, all others were held
         out.
-    held : the same of holding the last reading, where it was compared.
-    unfitted : the same of the model as it was before the fit, where it was compared.
-    findings : role or recording -> what the checks of the data say, as of `distrust`.
-    data : what was held out; None: as the fit tells.
-    more : reasons found elsewhere.
+    held : the same for persistence, if it was compared.
+    unfitted : the same for the model before the fit, if it was compared.
+    findings : role or recording -> findings of the data checks, as from `distrust`.
+    data : records of the held-out data; None takes those of the fit.
+    more : further reasons.
     """
     held, unfitted, findings = held or {}, unfitted or {}, findings or {}
     comparison = _compared(value, held, unfitted)
@@ -107,7 +108,7 @@ def judged(
 
 
 def conditional(fit: Fit, verdict: Verdict) -> Verdict:
-    """The verdict with what its intervals rest on: stated values that the recordings do not determine."""
+    """The verdict with its conditions: stated values that the recordings do not determine."""
     sentences = []
     for name, scaled in fit.how.get("scaling", {}).items():
         stated = quantity(float(fit.model[name].array), fit.model[name].unit, 4)
@@ -120,7 +121,7 @@ def conditional(fit: Fit, verdict: Verdict) -> Verdict:
 
 
 def times_as_large(scores: Scores, other: Scores) -> float:
-    """Errors over those of another model of the same rows: geometric mean over outputs and judged horizons."""
+    """Ratio of errors to those of another model on the same rows: geometric mean over outputs and judged horizons."""
     judged = [name for name in scores if name != ahead(0.1)] or list(scores)
     each = [
         _ratio(scores[name][output], other[name][output])
@@ -133,13 +134,13 @@ def times_as_large(scores: Scores, other: Scores) -> float:
 
 
 def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = False) -> list[Finding]:
-    """What the checks hold against a recording as regards some signals.
+    """Findings of the checks against a recording that concern some signals.
 
     Parameters
     ----------
     fit_inputs : the signals.
-    recording : what is checked.
-    faults : with faults of some size that nothing else witnesses: a fit of such data is used with care.
+    recording : the checked recording.
+    faults : include faults of some size without other evidence: a fit of such data is used with care.
     """
     used = set(fit_inputs)
     return [
@@ -151,7 +152,7 @@ def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = 
 
 
 def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
-    """Sentences on recordings that the checks do not trust, as regards the signals of a model."""
+    """Sentences on recordings that the checks distrust, if they concern the signals of a model."""
     used = used_signals(model)
     return tuple(
         f"Data check of {recording.name}: {item.sentence}"
@@ -161,7 +162,7 @@ def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
 
 
 def used_signals(model: Model) -> tuple[str, ...]:
-    """The signals that a model is driven by and fitted to, by all names they may be recorded under."""
+    """A model's inputs and outputs, with all names under which they may be recorded."""
     inputs = [signal for name in model.inputs for signal in (name, *model.aliases.get(name, ()))]
     return tuple(dict.fromkeys([*inputs, *model.outputs]))
 
@@ -171,13 +172,13 @@ def _channels(finding: Finding) -> list[str]:
 
 
 def _moved(fit: Fit) -> bool:
-    """Whether numbers are elsewhere than before the fit: shorter horizons may leave the last one no step to take."""
+    """Whether any parameter changed in the fit: after short horizons, the last solve may need no step."""
     before = fit.how.get("unfitted", {})
     return any(not np.isclose(float(fit.model[name].array), item, rtol=1e-9, atol=0.0) for name, item in before.items())
 
 
 def _found(fit: Fit) -> Iterator[Reason]:
-    """How it was found: the optimum, the starts, priors and bounds."""
+    """Reasons from the estimation: optimum, starts, priors and bounds."""
     values = [p.array for p in fit.model.parameters if not p.fixed]
     if not all(np.all(np.isfinite(value)) for value in values):
         yield Reason(NOT_USABLE, "An estimate is not a finite number.")
@@ -241,7 +242,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
 
 
 def _steps(fit: Fit) -> Iterator[Reason]:
-    """Sizes of steps that none explains as well."""
+    """A reason if an effect that rounds an input may as well be absent."""
     rounded = fit.model.rounded if isinstance(fit.model, MotionModel) else {}
     known = [(name, fit.model[name], fit.interval(name)) for name in rounded if name in fit.sd]
     none = [name for name, p, (low, high) in known if p.null is not None and low <= p.null <= high]
@@ -253,7 +254,7 @@ def _steps(fit: Fit) -> Iterator[Reason]:
 
 
 def _facts(fit: Fit) -> Iterator[Reason]:
-    """Stated values that the recording contradicts."""
+    """Reasons from stated values that the recording contradicts."""
     for name, (change, sd) in fit.how.get("contradicted", {}).items():
         other = "the steering ratio is not the stated one, or " if name == "wheelbase" else ""
         size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
@@ -265,7 +266,7 @@ def _facts(fit: Fit) -> Iterator[Reason]:
 
 
 def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:
-    """Whether its data can be trusted: nothing is made of data that are wrong throughout."""
+    """Reasons from the data checks: data that are wrong throughout disqualify the fit."""
     for role, finding in findings.items():
         where = "" if role == TRAINED else f" (held out{'' if role == HELD_OUT else f', {role}'})"
         for item in finding:
@@ -277,7 +278,7 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
 
 
 def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
-    """Whether what was held out is part of what the fit was trained on."""
+    """Reasons if held-out data are part of the training data."""
     for one, trained in fitted_to(fit, data):
         yield Reason(
             WITH_CARE, f"{one.name} is the data that the fit was made with ({trained.name}): nothing was held out."
@@ -285,7 +286,7 @@ def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
 
 
 def fitted_to(fit: Fit, data: Sequence[DataRecord]) -> Iterator[tuple[DataRecord, DataRecord]]:
-    """What was held out but is, by its file, what the fit was trained on, and that."""
+    """Held-out records whose file is that of a training record, with the latter."""
     trained = [item for item in fit.data if item.role == TRAINED and item.sha256]
     for one in data:
         part = [
@@ -302,7 +303,7 @@ def _rows(fit: Fit, role: str) -> int:
 
 
 def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
-    """How it predicts, beside holding a reading and beside the model as it was before."""
+    """Reasons from predictions, compared with persistence and with the unfitted model."""
     judged = [name for name in scores if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(scores)
     outputs = list(dict.fromkeys(output for name in judged for output in scores[name]))
     yield from _divergences(scores, judged, what)
@@ -347,7 +348,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
 def _beside_unfitted(
     scores: Scores, unfitted: Scores, judged: Sequence[str], outputs: Sequence[str], what: str
 ) -> Iterator[Reason]:
-    """Whether the fit made the model better than it was."""
+    """Reasons if the fit made the model worse."""
     ratios = {}
     for output in outputs:
         each = [
@@ -376,8 +377,8 @@ def _beside_unfitted(
 def _surely_worse(scores: Scores, unfitted: Scores, judged: Sequence[str]) -> bool:
     """Whether a fit's errors exceed the unfitted model's by more than the difference varies along the drive.
 
-    Differences of mean squares, stretch by stretch, over the sum of both: one stretch in which either model goes astray
-    decides nothing. Standard errors of protocols and outputs are added, since what they err by is alike.
+    Differences of mean squares, stretch by stretch, are divided by the sum of both, so that one stretch with a
+    diverging model decides nothing. Standard errors of protocols and outputs are averaged, as errors are correlated.
     """
     differences, errors, fewest = [], [], np.inf
     for name in judged:
@@ -388,7 +389,7 @@ def _surely_worse(scores: Scores, unfitted: Scores, judged: Sequence[str]) -> bo
                     return True  # it diverges where the unfitted model does not
                 continue
             if len(own.blocks) != len(other.blocks) or len(own.blocks) < 2 * BLOCK:
-                return True  # nothing tells chance
+                return True  # chance cannot be estimated
             both = own.rmse**2 + other.rmse**2
             each = (own.rmse**2 * own.blocks - other.rmse**2 * other.blocks) / both
             each = each[: len(each) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
@@ -415,7 +416,7 @@ def _divergences(scores: Scores, judged: Sequence[str], what: str) -> Iterator[R
 
 
 def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iterator[Reason]:
-    """Whether errors on what was held out are those on the training data."""
+    """A reason if held-out errors exceed those on the training data."""
     each = []
     for name, errors in scores.items():
         for output, error in errors.items():
@@ -441,7 +442,7 @@ def _trained(fit: Fit) -> Mapping[str, Any]:
 
 
 def _told(scores: Scores, judged: Sequence[str]) -> str:
-    """How well outputs are predicted, over the shortest horizon that is judged."""
+    """Accuracy of the predictions, over the shortest judged horizon."""
     name = judged[0]
     words = {"honest": "one sample ahead", FREE_RUN: "in free run"}.get(name, name.replace("_", " "))
     each = [f"{e.fit_percent:.0f} % in {output}" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
@@ -449,7 +450,7 @@ def _told(scores: Scores, judged: Sequence[str]) -> str:
 
 
 def _unexplained(error: Error) -> float:
-    """Mean square of the error over the variance of the readings; infinite where it is not known."""
+    """Mean square of the error over the variance of the readings; infinite if unknown."""
     if not np.isfinite(error.rmse):
         return np.inf
     return (error.rmse / error.spread) ** 2 if error.spread > 0 else (error.fvu if np.isfinite(error.fvu) else np.inf)
