@@ -1,7 +1,7 @@
-"""The kinds of files that recordings lie in, behind one door: `contents` reads what is there, `write` writes.
+"""Formats of recordings: `contents` reads files of every kind, `write` writes them.
 
-A file's content says what it is; its name decides where the content says nothing. Each kind has a module with
-`contents(file, mapping)` and `write(columns, path)`, which is all that a new one needs.
+A file's content determines its kind; its name decides if the content does not. Each kind has a module with
+`contents(file, mapping)` and `write(columns, path)`, which is all that a new kind needs.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Load = Callable[[Sequence[str]], RawTable]
 
 
 def loader(where: str, names: Collection[str], column: Callable[[str], Any], first_row: int = 1) -> Load:
-    """Reads those of these columns that are asked for, each by its name."""
+    """A function that loads the requested ones of these columns by name."""
 
     def load(target: Sequence[str]) -> RawTable:
         chosen = tuple(name for name in names if name in target)
@@ -45,7 +45,7 @@ def loader(where: str, names: Collection[str], column: Callable[[str], Any], fir
 
 
 def unique_names(names: tuple[str, ...], where: str) -> None:
-    """Raise `BadInput` where two columns have one name."""
+    """Raise `BadInput` if two columns have the same name."""
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
         raise BadInput(
@@ -65,11 +65,11 @@ def one_column(names: tuple[str, ...]) -> str:
 
 
 TIME = "time"
-"""What a column map calls the clock of a group that has its own, whatever the file calls it."""
+"""Name in column maps for the clock of a group, whatever its name in the file."""
 LARGEST = 1_000_000_000
-"""Bytes that the text of a file, or the columns that are read of it, may take: five hours at 100 Hz of 69 numbers."""
+"""Largest size in bytes of a file's text, or of the columns read from it: five hours at 100 Hz of 69 numbers."""
 MOST_COLUMNS = 20_000
-"""Columns that a file may have; one with a million of them takes minutes to tell apart."""
+"""Largest number of columns of a file; names of a million columns take minutes to process."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ class Group:
 
     Attributes
     ----------
-    name : what sentences call it; empty where a file is one group.
+    name : in sentences; empty if the file is one group.
     names : full names of its columns.
-    load : reads the named columns; a file's other columns are not touched.
-    prefix : what a full name has before the column's own; it may be omitted where a file has one group.
-    clock : full name of the column with its time; empty where the column map has to name one.
-    clock_unit : unit of that column; empty where the column map says it.
-    units : units of columns, by full name, as far as the file states them.
+    load : reads the named columns; the file's other columns are not read.
+    prefix : of full names, before the column's own name; may be omitted if the file has one group.
+    clock : full name of the time column; empty if the column map must name one.
+    clock_unit : unit of that column; empty if the column map states it.
+    units : full name -> unit, for columns whose unit the file states.
     """
 
     name: str
@@ -96,7 +96,7 @@ class Group:
     units: Mapping[str, str] = field(default_factory=dict)
 
     def full(self, name: str, alone: bool = False) -> str | None:
-        """The full name of a column of this group; `alone`: the prefix may be omitted."""
+        """The full name of a column of this group; `alone` : whether the prefix may be omitted."""
         if name in self.names:
             return name
         if alone and self.prefix + name in self.names:
@@ -113,9 +113,9 @@ class Contents:
     Attributes
     ----------
     where : the file as the user named it.
-    groups : what is in it.
-    kind : what kind of file it is, for sentences.
-    notes : what a person should know of how it was read.
+    groups : groups of columns.
+    kind : kind of file, for sentences.
+    notes : how the file was read, as sentences for users.
     """
 
     where: str
@@ -129,7 +129,7 @@ class Contents:
         return tuple(name for group in self.groups for name in group.names)
 
     def find(self, name: str) -> tuple[Group, str] | None:
-        """The group and the full name of a column; None if there is none of that name."""
+        """The group and the full name of a column; None if there is no such column."""
         alone = len(self.groups) == 1
         for group in self.groups:
             full = group.full(name, alone)
@@ -139,7 +139,7 @@ class Contents:
 
 
 def bounded(size: float, where: str) -> None:
-    """Raise `BadInput` for more than is read at once, before it is laid out."""
+    """Raise `BadInput`, before allocating memory, for more bytes than are read at once."""
     if size > LARGEST:
         raise BadInput(
             f"{where} holds {size / 1e9:.3g} GB of numbers, and {LARGEST / 1e9:g} GB are read at most. Cut it "
@@ -148,7 +148,7 @@ def bounded(size: float, where: str) -> None:
 
 
 def few_enough(columns: int, where: str) -> None:
-    """Raise `BadInput` for a file with more columns than are told apart."""
+    """Raise `BadInput` for a file with too many columns."""
     if columns > MOST_COLUMNS:
         raise BadInput(
             f"{where} has {columns} columns, and {MOST_COLUMNS} are read at most. Leave out those that hold no signals."
@@ -156,17 +156,17 @@ def few_enough(columns: int, where: str) -> None:
 
 
 def whole(table: RawTable, kind: str, notes: tuple[str, ...] = ()) -> Contents:
-    """A file that is one table and has been read."""
+    """Contents of a file that is a single table, already read."""
     return Contents(table.where, (Group("", table.names, lambda _: table, units=table.units),), kind, notes)
 
 
 def needed(module: str, extra: str, where: str, kind: str) -> Any:
-    """A module that comes with an extra.
+    """Import a module that an optional extra installs.
 
     Raises
     ------
     BadInput
-        It is not installed: the sentence names the extra.
+        The module is not installed: the error names the extra.
     """
     try:
         return import_module(module)
@@ -175,7 +175,7 @@ def needed(module: str, extra: str, where: str, kind: str) -> Any:
 
 
 def missing(module: str, extra: str, where: str, kind: str) -> BadInput:
-    """The sentence on a module that is not installed."""
+    """The error about a module that is not installed."""
     return BadInput(
         f"{where}: reading and writing {kind} needs {module.partition('.')[0]}, which is not installed; "
         f"pip install 'greybox-id[{extra}]'."
@@ -184,22 +184,22 @@ def missing(module: str, extra: str, where: str, kind: str) -> BadInput:
 
 @contextmanager
 def sound(where: str, kind: str) -> Iterator[None]:
-    """Turns whatever a reader of foreign files raises over a damaged one into a sentence."""
+    """Convert any exception that a reader raises for a damaged file into a `BadInput`."""
     try:
         yield
     except GreyboxError:
         raise
-    except Exception as error:  # readers of binary files fail over damage in ways nobody has listed
+    except Exception as error:  # damaged binary files make readers raise exceptions of any type
         raise unsound(where, kind, next(iter(str(error).splitlines()), "") or type(error).__name__) from error
 
 
 def unsound(where: str, kind: str, reason: str) -> BadInput:
-    """The sentence on a damaged file, with what its reader said."""
+    """The error about a damaged file, with the reader's message."""
     return BadInput(f"{where} is not a sound {kind} file ({reason:.120}). Write or fetch it again.")
 
 
 BETWEEN_RUNS = 1.0
-"""Seconds between runs on a clock that may not step back."""
+"""Seconds between runs on a clock that must not step back."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ class Columns:
     ----------
     values : name -> (n,): time in s, run counted from 1, and the signals in SI units.
     units : name -> unit.
-    steady : (n,) s from 0, the same steps as time within runs; it runs on where time restarts.
+    steady : (n,) s from 0, with the same steps as time within runs; it continues where time restarts.
     """
 
     values: Mapping[str, NDArray[Any]]
@@ -219,7 +219,7 @@ class Columns:
 
 
 def columns_of(recording: Recording) -> Columns:
-    """All of a recording as columns."""
+    """A recording as columns to be written."""
     runs = np.zeros(len(recording), dtype=np.int64)
     for number, (start, stop) in enumerate(recording.runs, 1):
         runs[start:stop] = number
@@ -243,30 +243,31 @@ SUFFIXES = {
     ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5",
     ".mf4": "mdf", ".mdf": "mdf", ".mcap": "ros", ".db3": "ros", ".bag": "ros",
 }  # fmt: skip
-"""How a file's name ends -> the module that reads it."""
+"""Suffix of a file's name -> the module that reads it."""
 WRITTEN = (".csv", ".parquet", ".mat", ".h5", ".mf4", ".mcap")
-"""What can be written."""
+"""Suffixes that can be written."""
 MAGIC = (
     (b"PAR1", "parquet"), (b"\x89HDF\r\n\x1a\n", "hdf5"), (b"MATLAB ", "matlab"), (b"MDF ", "mdf"),
     (b"UnFinMF ", "mdf"), (b"CM-ERG", "carmaker"), (b"\x89MCAP0\r\n", "ros"), (b"SQLite format 3\0", "ros"),
     (b"#ROSBAG V", "ros"),
 )  # fmt: skip
-"""How content begins -> the module that reads it."""
+"""First bytes of a file -> the module that reads it."""
 BAG = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
-"""What lies in the folder of a ROS 2 bag."""
+"""Suffixes of files in the folder of a ROS 2 bag."""
 
 
 LONG = 32 * 1024 * 1024
-"""Bytes from which memory is given back: some hours at 100 Hz. Beside short files it takes a gap a tenth more time."""
+"""File size in bytes from which freed memory is returned: some hours at 100 Hz. With short files it would make a gap
+diagnosis take a tenth longer."""
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
-    """What is in a file, or in a folder with a ROS 2 bag.
+    """Contents of a file, or of a folder with a ROS 2 bag.
 
     Raises
     ------
     BadInput
-        The file cannot be read, is damaged or of no known kind, or an extra is missing: the sentence says which.
+        The file cannot be read, is damaged or of no known kind, or an extra is missing: the error says which.
     """
     head = _head(file)
     protect(file)
@@ -287,17 +288,17 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
 
 
 def _is_long(file: Path) -> bool:
-    """Whether a file holds hours; text is about a quarter as large where it is zipped."""
+    """Whether a file holds hours; zipped text is about a quarter as large."""
     return file.stat().st_size > (LONG / 4 if file.name.lower().endswith(".gz") else LONG)
 
 
 def write(recording: Recording, path: Path) -> None:
-    """Write a recording under the canonical names, in SI units, as the file's name says.
+    """Write a recording with the standard signal names, in SI units, in the format of the suffix.
 
     Raises
     ------
     BadInput
-        No such kind can be written, the place cannot be written to, or an extra is missing.
+        The format cannot be written, the path is not writable, or an extra is missing.
     """
     suffix = _suffix(path)
     if suffix not in WRITTEN:
@@ -307,13 +308,13 @@ def write(recording: Recording, path: Path) -> None:
 
 
 def bare_name(file: Path) -> str:
-    """The file's name without what says its kind."""
+    """The file's name without the suffix of its kind."""
     suffix = "" if file.is_dir() else _suffix(file) or ""
     return file.name[: len(file.name) - len(suffix)] or file.name
 
 
 def hash_of(file: Path) -> str:
-    """SHA-256 of a file's bytes; of a folder, of the names and hashes of the files in it."""
+    """SHA-256 of a file's bytes; of a folder, of the names and hashes of its files."""
     if file.is_dir():
         inside = sorted(file for file in file.rglob("*") if file.is_file())
         lines = [f"{item.relative_to(file).as_posix()} {hash_of(item)}\n" for item in inside]
@@ -328,7 +329,7 @@ def _suffix(file: Path) -> str | None:
 
 
 def _head(file: Path) -> bytes:
-    """How the file begins, or a sentence why it cannot be read."""
+    """The first bytes of the file. Raises `BadInput` if it cannot be read."""
     try:
         if file.is_dir():
             if not any(path.name.endswith(BAG) for path in file.iterdir()):

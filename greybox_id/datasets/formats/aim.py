@@ -1,4 +1,4 @@
-"""AiM's .xrk and .xrz files: every channel on a clock of its own, read by libxrk."""
+"""AiM's .xrk and .xrz files: channels with separate clocks, read by libxrk."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from . import Contents, Group, loader, needed, sound
 
 KIND = "AiM"
 CLOCK = "timecodes"
-"""What libxrk calls the time of a channel, in ms from the start of the file."""
+"""libxrk's name for the time of a channel, in ms from the start of the file."""
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
@@ -30,7 +30,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
 
 
 def of_log(log: Any, where: str) -> Contents:
-    """The channels that libxrk's log holds; those that share all their instants are one group."""
+    """The channels of libxrk's log; those with identical times form one group."""
     tables = {name: table for name, table in log.channels.items() if table.num_rows}
     by_clock: dict[bytes, list[str]] = {}
     for name, table in tables.items():
@@ -52,6 +52,6 @@ def _group(names: Sequence[str], tables: dict[str, Any], where: str) -> Group:
 
 
 def _unit(table: Any, name: str) -> str:
-    """The unit that a channel's metadata state, as far as it is one that column maps know."""
+    """The unit in a channel's metadata, if it is a known one; else empty."""
     stated = (table.schema.field(name).metadata or {}).get(b"units", b"")
     return known_unit(stated.decode("utf-8", "replace"))

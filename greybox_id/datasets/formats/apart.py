@@ -1,8 +1,7 @@
-"""A file read in a process of its own: what ends that process, or takes too long or too much, becomes a sentence.
+"""Reading a file in an isolated process: if it crashes or exceeds its limits, the caller gets a `BadInput`.
 
-The libraries that read HDF5 and MDF are written for files that are sound; some damage makes them crash, and with them
-whatever process they are in. What comes back is JSON and plain arrays (`base/contained/wire.py`): nothing of it is
-executed.
+The libraries that read HDF5 and MDF expect sound files; some damage crashes them and the process they run in. Results
+are returned as JSON and plain arrays (`base/contained/inside.py`), so nothing in them is executed.
 """
 
 from __future__ import annotations
@@ -20,26 +19,26 @@ from ...base.errors import BadInput
 from . import missing, unsound
 
 SECONDS, SECONDS_PER_BYTE = 4.0, 1e-6
-"""Of the processor's time, for any file and for its size; a sound one takes at most a tenth of the latter."""
+"""Limit of CPU time in s, for any file and per byte; a sound file takes at most a tenth of the latter."""
 MEMORY, MEMORY_PER_BYTE = 800e6, 32
-"""Bytes beyond what the modules take, for any file and for its size: measured signals may be compressed."""
+"""Limit of memory in bytes beyond that of the modules, for any file and per byte: signals may be compressed."""
 PATIENCE = 10
-"""How many times as long as of the processor's time it may take by the clock: the machine may be busy."""
+"""Limit of wall-clock time over limit of CPU time, since the machine may be busy."""
 TEMPORARY = ("TMPDIR", "TEMP", "TMP")
-"""Variables that say where temporary files belong."""
+"""Environment variables for the folder of temporary files."""
 FROM_OUTSIDE = ("SIGKILL", "SIGTERM", "SIGINT", "SIGHUP")
 ADVICE = "restore it or export it again"
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a reader may take.
+    """Limits of a reader.
 
     Attributes
     ----------
-    seconds : of the processor's time, in s.
-    memory : bytes, beyond what its modules take.
-    patience : s by the clock, for one answer.
+    seconds : CPU time, s.
+    memory : bytes, beyond those of its modules.
+    patience : wall-clock time for one answer, s.
     """
 
     seconds: float
@@ -48,21 +47,21 @@ class Limits:
 
     @classmethod
     def of(cls, file: Path) -> Limits:
-        """What is enough for a sound file of this size."""
+        """Limits that suffice for a sound file of this size."""
         size = file.stat().st_size
         seconds = SECONDS + SECONDS_PER_BYTE * size
         return cls(seconds, MEMORY + MEMORY_PER_BYTE * size, PATIENCE * seconds)
 
 
 class Apart:
-    """The reader of a file, in a process that lives as long as this object is remembered.
+    """The reader of a file, in a process that ends when this object is garbage-collected.
 
     Parameters
     ----------
     file : the file.
-    reader : a class, as those in `readers`, as module:class.
-    kind, extra : the kind of file and the extra that brings its library, for sentences.
-    limits : what the reader may take; by default what is enough for a sound file.
+    reader : one of the classes in `readers`, as module:class.
+    kind, extra : the kind of file and the extra that installs its library, for sentences.
+    limits : of the reader; by default those that suffice for a sound file.
 
     Raises
     ------
@@ -73,7 +72,7 @@ class Apart:
     def __init__(self, file: Path, reader: str, kind: str, extra: str, limits: Limits | None = None) -> None:
         self._file, self._kind, self._extra = file, kind, extra
         self._limits = limits or Limits.of(file)
-        folder = TemporaryDirectory(prefix="greybox")  # not the reader's own: one that crashes leaves files there
+        folder = TemporaryDirectory(prefix="greybox")  # owned here, since a reader that crashes leaves files behind
         taken = self._limits.seconds, int(self._limits.memory)
         try:
             self._reader = Contained(
@@ -85,7 +84,7 @@ class Apart:
         self._end = weakref.finalize(self, _ended, self._reader, folder)
 
     def answer(self, question: str, *of: Any) -> Any:
-        """What the reader's method of that name says: whatever JSON holds. Raises as `array` does."""
+        """Plain data that the reader's method of that name returns. Raises as `array` does."""
         return self._asked(question, of)[0]
 
     def array(self, question: str, *of: Any) -> NDArray[Any]:
@@ -94,7 +93,8 @@ class Apart:
         Raises
         ------
         BadInput
-            The library is not installed, or the file is damaged: the reader said so, crashed, or met a limit.
+            The library is not installed, or the file is damaged: the reader raised an error, crashed, or exceeded a
+            limit.
         """
         result = self._asked(question, of)[1]
         if result is None:
@@ -102,7 +102,7 @@ class Apart:
         return result
 
     def _asked(self, question: str, of: tuple[Any, ...]) -> tuple[Any, NDArray[Any] | None]:
-        """One question and its answer."""
+        """Call one method of the reader."""
         if not self._end.alive:
             raise BadInput(f"{self._file} is damaged: it could not be read before; {ADVICE}.")
         try:
@@ -121,7 +121,7 @@ class Apart:
             raise
 
     def _why(self, how: str) -> str:
-        """Why a reader did not answer."""
+        """Sentence on why a reader did not answer."""
         if how == TIME:
             return self._took(f"{self._limits.patience:g} s")
         if how == "SIGXCPU":

@@ -1,8 +1,8 @@
-"""Long text files, read a block of rows after the other; of their columns those that a map names are kept, as numbers.
+"""Long text files, read in blocks of rows; only the columns that the map names are kept, as numbers.
 
-A file of hours is larger as text than its numbers are, and parsing it at once takes several times that. What no regular
-table of numbers holds (comments, letters that are not UTF-8, columns that are words here and numbers there) is left to
-`text`.
+A file of hours is larger as text than as numbers, and parsing it at once takes several times its size. Files that are
+not a regular table of numbers (with comments, letters that are not UTF-8, columns that mix words and numbers) are left
+to `text`.
 """
 
 from __future__ import annotations
@@ -39,18 +39,18 @@ from .text import (
 )  # fmt: skip
 
 ROWS = 100_000
-"""Rows of a block: some MB of text."""
+"""Rows per block: some MB of text."""
 AT_ONCE = 4 * 1024 * 1024
-"""Bytes that are looked through at once."""
+"""Bytes scanned at a time."""
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents | None:
-    """The columns of a file that a map names, all where it names none; None where `text` has to read it.
+    """The columns of a file that a map names, or all if it names none; None if `text` must read the file.
 
     Raises
     ------
     BadInput
-        The lines of names and the rows do not form a table.
+        The names and the rows do not form a table.
     """
     ends = _ends(file)
     if ends is None:
@@ -81,7 +81,7 @@ def _opened(file: Path) -> BinaryIO:
 
 
 def _ends(file: Path) -> tuple[bytes, bytes, int] | None:
-    """How a text begins and ends, and its bytes; None for one that holds what no regular table does."""
+    """First and last bytes of a text and its length; None if it is not a regular table."""
     decoder, head, tail, size = codecs.getincrementaldecoder("utf-8")(), b"", b"", 0
     try:
         with _opened(file) as opened:
@@ -100,7 +100,7 @@ def _ends(file: Path) -> tuple[bytes, bytes, int] | None:
 
 
 class _Rows(io.RawIOBase):
-    """The bytes of a file from one place to another."""
+    """The bytes of a file between two positions, as a stream."""
 
     def __init__(self, opened: BinaryIO, start: int, stop: int) -> None:
         self._opened, self._left = opened, stop - start
@@ -120,19 +120,19 @@ class _Rows(io.RawIOBase):
 
 
 def _places(mapping: ColumnMap, layout: TableLayout) -> list[int]:
-    """The places of the columns that a map names; of all where it names no signal of this file."""
+    """Indices of the columns that a map names; of all columns if it names none of this file."""
     everywhere = list(range(len(layout.names)))
     if not mapping.channels:
         return everywhere
     columns = (mapping.time, *mapping.channels)
     names = {name for column in columns for name in (*column.names, *column.otherwise)}
     names |= {mapping.run_column, mapping.start_column}
-    names |= {name.rpartition("/")[2] for name in names}  # of one file among several
+    names |= {name.rpartition("/")[2] for name in names}  # names qualified by one of several files
     return [k for k in everywhere if layout.names[k] in names] or everywhere
 
 
 def _frame(rows: _Rows, layout: TableLayout, places: list[int]) -> pd.DataFrame | None:
-    """Columns of a table, block by block; None where one is words here and numbers there, or there is no row."""
+    """Columns of a table, read block by block; None if one mixes words and numbers, or there is no row."""
     pieces: dict[int, list[pd.Series[Any]]] = {k: [] for k in (*places, len(layout.names))}
     text = io.BufferedReader(rows, HEAD)
     with pd.read_csv(text, **options(layout), chunksize=ROWS) as reader:
@@ -151,6 +151,6 @@ def _frame(rows: _Rows, layout: TableLayout, places: list[int]) -> pd.DataFrame 
 
 
 def _of_one_kind(pieces: Sequence[pd.Series[Any]]) -> bool:
-    """Whether pieces of a column that hold anything are all numbers, or none are."""
+    """Whether the non-empty pieces of a column are all numeric, or none is."""
     numbers = {is_numeric_dtype(p.dtype) and not is_bool_dtype(p.dtype) for p in pieces if p.notna().any()}
     return len(numbers) < 2

@@ -1,4 +1,4 @@
-"""IPG CarMaker's .erg files, with the .erg.info beside them that names their quantities; read by cmerg."""
+"""IPG CarMaker's .erg files with their .erg.info, which names the quantities; read by cmerg."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cells of text: which hold a number, an instant, a unit or nothing, and the numbers of a column of them."""
+"""Cells of text: recognising numbers, instants, units and missing values, and converting columns of them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from pandas.api.types import is_numeric_dtype
 from ...base.units import known_unit
 
 MOSTLY = 0.8
-"""Share of a column's cells that must be numbers for the others to be words among them."""
+"""Share of a column's cells that must be numbers for the column to be numeric."""
 NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
-"""What a row of units holds where a column has none."""
+"""Cells in a row of units of columns without a unit."""
 MISSING = frozenset(NOTHING - {"#"} | {"---", "nan", "#n/a", "missing", "invalid"})
-"""What a cell holds that has no value."""
+"""Cells that mean a missing value."""
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _INSTANT = re.compile(
     r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
@@ -28,27 +28,26 @@ DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
 def is_value(cell: str) -> bool:
-    """Whether a cell holds a number or an instant."""
+    """Whether a cell is a number or an instant."""
     return bool(_NUMBER.fullmatch(cell) or _INSTANT.fullmatch(cell))
 
 
 def stated_unit(cell: str) -> str:
-    """A unit as a column map writes it; empty where the cell is none."""
+    """A unit as a column map writes it; empty if the cell is not a unit."""
     bare = cell.strip("[]() ")
     return "" if bare.lower() in NOTHING else known_unit(bare)
 
 
 def unit_behind(cell: str) -> str:
-    """What stands behind a number as its unit; empty where nothing does."""
+    """The unit after a number in a cell; empty without one."""
     parts = _WITH_UNIT.fullmatch(cell)
     return parts[2] if parts and known_unit(parts[2]) else ""
 
 
 def as_numbers(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, dict[int, str], int]:
-    """The rows with numbers where text is one, units that stand in cells, by column, and the number of rows of words.
+    """The rows with text converted to numbers, units in cells by column, and the number of non-numeric rows.
 
-    Rows of words among numbers are blank: names that are repeated where a logger began anew, and what it writes at the
-    end.
+    Non-numeric rows between numbers are blanked: names repeated when a logger restarted, and its closing remarks.
     """
     texts: dict[Any, pd.Series[Any]] = {
         k: _cells_of(column) for k, column in frame.items() if not is_numeric_dtype(column.dtype)
@@ -78,19 +77,19 @@ def as_numbers(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, dict[in
 
 
 def _cells_of(column: pd.Series[Any]) -> pd.Series[Any]:
-    """Texts of cells, missing where they stand for no value; Fortran's 1.0D+02 and the minus of print as in C."""
+    """Texts of cells, with missing values as NA; Fortran's 1.0D+02 and the minus sign of print are converted."""
     text = column.astype("string").str.strip().str.replace("\N{MINUS SIGN}", "-", regex=False)
     text = text.str.replace(_FORTRAN, r"\1e\2", regex=True)
     return text.mask(text.str.lower().isin(MISSING).fillna(False))
 
 
 def _numbers_in(text: pd.Series[Any], decimal: str) -> tuple[pd.Series[Any], str]:
-    """(n,) numbers of cells, NaN where one is none, and the unit that all have behind them.
+    """(n,) numbers of cells, NaN for other cells, and the unit that follows all numbers.
 
-    Thousands are set apart by the mark that is not the decimal one, if a cell has both.
+    If a cell contains both "." and ",", the one that is not the decimal mark separates thousands.
     """
     if text.dropna().str.fullmatch(DECIMAL_COMMA).all() and not text.dropna().str.fullmatch(_THREE_BEHIND).all():
-        decimal = ","  # quoted, where commas stand between columns, too
+        decimal = ","  # in quoted cells also if commas separate columns
     unit, first = "", text.dropna().head(1)
     behind = unit_behind(first.iloc[0]) if len(first) else ""
     if behind and text.dropna().str.endswith(behind).all():

@@ -1,6 +1,6 @@
 """HDF5 files: every dataset is a column named by its path.
 
-Arrays in folders, here and in MAT files, go with the time that lies beside or above them.
+In HDF5 and MAT files, arrays in folders belong to the time array of the same folder or of one above.
 """
 
 from __future__ import annotations
@@ -20,25 +20,25 @@ from . import Columns, Contents, Group, loader, needed, sound
 from .apart import Apart
 
 TIMES = ("time", "t", "timestamp", "timestamps", "time_s", "stamp", "zeit")
-"""What time is called in files whose column map does not name it."""
+"""Names of time in files whose column map does not name it."""
 MOST_WIDE = 64
-"""A matrix wider than this is no set of signals."""
+"""Largest number of columns of a matrix of signals."""
 LARGEST_SWELL = 1000
-"""How many times the size of its file an array may be; compression of measured signals saves less."""
+"""Largest ratio of an array's size to its file's; measured signals compress less."""
 SMALL = 2**26
-"""Bytes that any file may hold."""
+"""Bytes allowed in any file."""
 
 
 @dataclass(frozen=True)
 class TreeLeaf:
-    """One column somewhere in a file.
+    """One column in a tree of folders.
 
     Attributes
     ----------
-    path : names of folders, then its own.
-    rows : its length.
-    load : (rows,) reads it.
-    unit : as the file states it; empty if it does not.
+    path : names of the folders, then of the column.
+    rows : number of rows.
+    load : returns the values (rows,).
+    unit : stated in the file; empty if none.
     """
 
     path: tuple[str, ...]
@@ -50,14 +50,14 @@ class TreeLeaf:
 def matrix_leaves(
     path: tuple[str, ...], shape: tuple[int, ...], load: Callable[[], NDArray[Any]], first: int, unit: str = ""
 ) -> list[TreeLeaf]:
-    """The columns of an array: of a vector, lying or standing, one; of a matrix as many as its shorter side.
+    """The columns of an array: one of a row or column vector; of a matrix as many as its shorter side.
 
     Parameters
     ----------
     path : of the array.
     shape : of the array.
-    load : reads it.
-    first : number of the first column of a matrix, which is its name.
+    load : returns the array.
+    first : number of a matrix's first column; numbers are the columns' names.
     unit : of all columns.
     """
     sides = [length for length in shape if length != 1] or [1] * (0 not in shape)
@@ -78,7 +78,7 @@ def matrix_leaves(
 
 
 def fits(size: int, file_size: int, where: str) -> None:
-    """Raise `BadInput` for an array that is too large to lie in its file."""
+    """Raise `BadInput` for an array that is too large for its file."""
     if size > max(SMALL, LARGEST_SWELL * file_size):
         raise BadInput(
             f"{where} is damaged: it claims to hold {size / 1e9:.3g} GB in {file_size / 1e6:.3g} MB. Fetch it again."
@@ -86,13 +86,13 @@ def fits(size: int, file_size: int, where: str) -> None:
 
 
 def groups_of(leaves: Iterable[TreeLeaf], separator: str, time: str, where: str) -> tuple[Group, ...]:
-    """Columns by the clock they go with.
+    """Groups of columns with a common clock.
 
     Parameters
     ----------
     leaves : all columns.
     separator : between the parts of a full name.
-    time : the name of time in the column map: its last part in any folder, or a full name.
+    time : name of time in the column map: its last part in any folder, or a full name.
     where : the file, for sentences.
     """
     everything = list(leaves)
@@ -114,7 +114,7 @@ def _is_time(path: tuple[str, ...], separator: str, time: str) -> bool:
 
 
 def _clock(leaf: TreeLeaf, clocks: dict[tuple[str, ...], TreeLeaf], separator: str, time: str) -> TreeLeaf | None:
-    """The time of a column: the nearest of its length, going up; the one the map names comes first."""
+    """The time of a column: the nearest one of equal length in its folder or above; the map's time takes precedence."""
     for depth in range(len(leaf.path) - 1, -1, -1):
         near = [c for p, c in clocks.items() if p[:-1] == leaf.path[:depth] and c.rows == leaf.rows]
         if near:
@@ -141,7 +141,7 @@ READER = "greybox_id.datasets.readers.hdf5:Hdf5Reader"
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
-    """Datasets by path, fields of compound ones as path/field, columns of matrices as path/0, path/1, ...
+    """Datasets by path, fields of compound datasets as path/field, columns of matrices as path/0, path/1, ...
 
     Raises
     ------
@@ -157,14 +157,14 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
 def dataset_leaves(
     reader: Apart, file: Path, node: Mapping[str, Any], first: int, transposed: bool = False
 ) -> Iterator[TreeLeaf]:
-    """The columns in a dataset, each read when it is wanted.
+    """The columns in a dataset, each loaded on demand.
 
     Parameters
     ----------
-    reader, file : where the dataset lies.
-    node : what `readers.hdf5` says of it.
+    reader, file : the file and its reader.
+    node : description of the dataset by `readers.hdf5`.
     first : number of a matrix's first column.
-    transposed : whether the file's shape is the other way round.
+    transposed : whether the file stores dimensions in reverse order.
     """
     name, path = node["name"], tuple(node["name"].split("/"))
     shape = tuple(node["shape"])[:: -1 if transposed else 1]
@@ -183,9 +183,9 @@ def dataset_leaves(
 
 
 def write(columns: Columns, path: Path) -> None:
-    """Write columns as datasets of the root, their units as attributes."""
+    """Write columns as datasets of the root, with their units as attributes."""
     h5py = needed("h5py", "hdf5", str(path), KIND)
-    # Made in memory: where the disk is full, the library fails again when it closes the file, and ends the process.
+    # Built in memory: if the disk is full, the library fails again when it closes the file, and aborts the process.
     with h5py.File(path.name, "w", driver="core", backing_store=False) as opened:
         for name, values in columns.values.items():
             dataset = opened.create_dataset(name, data=values, compression="gzip" if len(values) else None)

@@ -1,6 +1,6 @@
-"""JSON: lines or a list of objects, each a row of columns or a reading with its name and time (OpenXC); or one object.
+"""JSON: lines or a list of objects, each a row of columns or a single reading with name and time (OpenXC).
 
-One object holds columns, or stands around such a list.
+Also one object that holds columns as lists, or such a list of objects.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from .text import text_of_file
 
 KIND = "JSON lines"
 DEEPEST = 4
-"""Objects in objects whose numbers are columns, `pose.position.x`."""
+"""Nesting depth of objects whose numbers become columns, such as `pose.position.x`."""
 SHORT_LISTS = 16
-"""Elements of a list that are columns of their own."""
+"""Longest list whose elements become separate columns."""
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
@@ -31,7 +31,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     Raises
     ------
     BadInput
-        A line is no object of JSON: names the row.
+        A line is not a JSON object: the error names the row.
     """
     text = text_of_file(file).decode()
     rows = _rows(text, str(file))
@@ -52,14 +52,14 @@ def _rows(text: str, where: str) -> list[dict[str, Any]]:
         return _listed(text, where)
     lines = [line for line in text.splitlines() if line.strip()]
     first = lines[0] if lines else ""
-    if len(lines) > 1 and not (first.rstrip().endswith("}") and first.lstrip().startswith("{")):  # one over many lines
+    if len(lines) > 1 and not (first.rstrip().endswith("}") and first.lstrip().startswith("{")):  # one multi-line one
         return _within(_object(text, where)) or _lines(text, where)
     rows = _lines(text, where)
     return (_within(rows[0]) or rows) if len(rows) == 1 else rows
 
 
 def _within(whole: dict[str, Any]) -> list[dict[str, Any]]:
-    """The rows in one object: its longest list of objects, or else its lists of one length as columns."""
+    """The rows in one object: its longest list of objects, or else its lists of equal length as columns."""
     lists = {key: item for key, item in whole.items() if isinstance(item, list) and len(item) > 1}
     rows = [item for item in lists.values() if all(isinstance(row, dict) for row in item)]
     if rows:
@@ -102,7 +102,7 @@ def _parsed(text: str, where: str) -> Any:
 
 
 def _flat(row: dict[str, Any], path: str = "", depth: int = 0) -> dict[str, Any]:
-    """The scalars of an object by their paths."""
+    """The scalars of an object, by path."""
     flat: dict[str, Any] = {}
     for key, value in row.items():
         name = f"{path}{key}"

@@ -1,4 +1,4 @@
-"""Long tables, a row for every reading with its channel's name beside it: a group of columns for each channel."""
+"""Long tables, with one row per reading and its channel's name: one group of columns per channel."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ TIMES = frozenset([
 ])  # fmt: skip
 UNITS = frozenset(["unit", "units", "einheit", "uom"])
 COLUMNS_OF_READINGS = 8
-"""A table with more columns is none of readings."""
+"""Largest number of columns of a long table."""
 READINGS_EACH = 2.0
-"""A channel's name stands there so many times on average, at least."""
+"""Least average number of readings per channel."""
 WORDS = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0}
 CLOCK = "time"
 _WORDS = re.compile(r"[^\W\d_]+")
@@ -36,7 +36,7 @@ _BRACKET = re.compile(r"[\[(]\s*([^\])]*)[\])]\s*$")
 
 
 def apart_by_name(table: RawTable, kind: str) -> Contents | None:
-    """The channels of a long table, each on its own clock; None for a table that is none."""
+    """The channels of a long table, each on its own clock; None if the table is not a long one."""
     roles = _roles(table)
     if roles is None:
         return None
@@ -61,7 +61,7 @@ def apart_by_name(table: RawTable, kind: str) -> Contents | None:
 
 
 def _roles(table: RawTable) -> tuple[str, str, str, str] | None:
-    """The columns of time, of channels' names, of values and of units (empty for none); None for no long table."""
+    """The columns of time, channel names, values and units (empty for none); None if it is not a long table."""
     if not len(table) or len(table.names) > COLUMNS_OF_READINGS:
         return None
     words = {name: _words(name) for name in table.names}
@@ -74,13 +74,13 @@ def _roles(table: RawTable) -> tuple[str, str, str, str] | None:
     plain = [n for n in named if n not in values] or named
     if not times or not plain:
         return None
-    name = max(plain, key=lambda n: kinds[n])  # the identifier of a message holds several signals
+    name = max(plain, key=lambda n: kinds[n])  # most values: an identifier of messages would cover several signals
     values = [n for n in values if n != name and n not in plain] or [n for n in values if n != name]
     return (times[0], name, values[0], units) if values else None
 
 
 def _words(name: str) -> set[str]:
-    """The words of a column's name in lower case, without what stands in brackets behind them."""
+    """The words of a column's name in lower case, without a suffix in brackets."""
     return {word.lower() for word in _WORDS.findall(_CAMEL.sub(" ", _BRACKET.sub("", name)))}
 
 
@@ -94,7 +94,7 @@ def _group(
 
 
 def _numbers(values: pd.Series[float]) -> Array:
-    """Readings as numbers; words of truth as 1 and 0, other words as NaN."""
+    """Readings as numbers; true and on as 1, false and off as 0, other words as NaN."""
     if pd.api.types.is_numeric_dtype(values.dtype):
         return np.asarray(values.to_numpy(dtype=float, na_value=np.nan), dtype=float)
     words = values.astype("string").str.strip().str.lower()

@@ -1,7 +1,7 @@
-"""MAT files: version 4 to 7 by scipy, 7.3 (which is HDF5) by h5py, each in a process of its own.
+"""MAT files: version 4 to 7 by scipy, 7.3 (which is HDF5) by h5py, each in an isolated process.
 
 Structs are flattened to dotted names: a timeseries saved as a struct is `speed.Data` on the clock `speed.Time`. Columns
-of matrices are counted from 1.
+of matrices are numbered from 1.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .hdf5 import READER, TreeLeaf, dataset_leaves, groups_of, matrix_leaves
 KIND = "MAT"
 OLDER = "greybox_id.datasets.readers.mat:MatReader"
 UNITS = "units"
-"""A struct of texts of this name states units."""
+"""Name of a struct of texts that states units."""
 LONGEST_NAME = 63
 HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
-    """Vectors, matrices and what lies in structs, by dotted name.
+    """Vectors, matrices and fields of structs, by dotted name.
 
     Raises
     ------
@@ -49,12 +49,12 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
 
 
 def write(columns: Columns, path: Path) -> None:
-    """Write columns as standing vectors, and their units as a struct.
+    """Write columns as column vectors, and their units as a struct.
 
     Raises
     ------
     BadInput
-        MATLAB would not take a column's name for that of a variable.
+        A column's name is not a valid MATLAB variable name.
     """
     for name in columns.values:
         if not re.fullmatch(rf"[A-Za-z]\w{{0,{LONGEST_NAME - 1}}}", name, re.ASCII):

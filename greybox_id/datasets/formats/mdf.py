@@ -1,6 +1,6 @@
-"""Measurement files of ASAM MDF 3 and 4: every channel group has a clock of its own.
+"""Measurement files of ASAM MDF 3 and 4: every channel group has its own clock.
 
-A channel goes by its name, or where several groups have one of that name by group/channel.
+A channel is named by its name, or by group/channel if several groups have a channel of that name.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from .apart import Apart
 KIND = "MDF"
 READER = "greybox_id.datasets.readers.mdf:MdfReader"
 MASTER = "t"
-"""The clock of files we write; the column time keeps the recording's own, which may restart."""
+"""Name of the clock in written files; the column time keeps the recording's time, which may restart."""
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
-    """Channels with numbers, by channel group.
+    """Numeric channels, by channel group.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
 
 
 def _groups(reader: Apart, file: Path, result: Sequence[Mapping[str, Any]]) -> Iterator[Group]:
-    """What `readers.mdf` says of groups, under names that stand there once."""
+    """Groups as listed by `readers.mdf`, with unique channel names."""
     seen = Counter(name for group in result for name in {name for name, _ in group["channels"]})
     titles = Counter(group["title"] for group in result)
     for k, group in enumerate(result):
@@ -59,7 +59,7 @@ def _values(reader: Apart, names: Mapping[str, tuple[int, int]], name: str) -> A
 
 
 def write(columns: Columns, path: Path, comment: str = "") -> None:
-    """Write columns as one channel group of an MDF 4 file, with units; the header says the comment."""
+    """Write columns as one channel group of an MDF 4 file, with units; the header contains the comment."""
     asammdf = needed("asammdf", "mdf", str(path), KIND)
     with asammdf.MDF(version="4.10") as made:
         if comment:

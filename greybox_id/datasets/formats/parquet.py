@@ -24,7 +24,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     Raises
     ------
     BadInput
-        The bytes are no undamaged Parquet file.
+        The file is not a Parquet file, or is damaged.
     """
     where = str(file)
 
@@ -47,7 +47,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
 
 
 def write(columns: Columns, path: Path) -> None:
-    """Write columns with their units as metadata of the fields."""
+    """Write columns, with their units as metadata of the fields."""
     fields = [
         pa.field(name, pa.from_numpy_dtype(values.dtype), metadata={UNIT: columns.units.get(name, "1").encode()})
         for name, values in columns.values.items()
@@ -56,7 +56,7 @@ def write(columns: Columns, path: Path) -> None:
 
 
 def _bytes(file_meta_data: pq.FileMetaData, chosen: Sequence[str]) -> float:
-    """What columns take in memory, as the file says itself."""
+    """Uncompressed size of columns, as stated in the file."""
     whole = set(chosen)
     result = 0.0
     for group in (file_meta_data.row_group(k) for k in range(file_meta_data.num_row_groups)):

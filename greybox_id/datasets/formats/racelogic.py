@@ -1,7 +1,7 @@
-"""Racelogic's .vbo files: sections of text, values apart by blanks.
+"""Racelogic's .vbo files: sections of text, with values separated by blanks.
 
 Source: Racelogic, VBO file format (support centre): time is UTC as HHMMSS.SS, latitude and longitude are minutes, north
-and west positive. Here time is seconds from midnight and both angles are degrees, north and east positive.
+and west positive. They are converted to seconds from midnight and degrees, north and east positive.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from .text import text_of_file
 KIND = "VBO"
 DAY = 86_400.0
 STANDARD = {"time": "s", "lat": "deg", "long": "deg", "heading": "deg", "height": "m", "velocity": "km/h"}
-"""Units of standard channels, by the short name of their column, where [header] says no other."""
+"""Short name of a standard channel -> its unit, unless [header] states another."""
 _SECTION = re.compile(r"\[([a-z ]+)\]", re.IGNORECASE)
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
-    """The channels of the [data] section, under the names of [column names].
+    """The channels of the [data] section, named by [column names].
 
     Raises
     ------
     BadInput
-        A section is missing, or a row has more or fewer cells than there are names.
+        A section is missing, or the number of cells in a row differs from that of names.
     """
     sections, first = _sections(text_of_file(file).decode(), str(file))
     names = " ".join(sections.get("column names", [])).split()
@@ -60,7 +60,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
 
 
 def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:
-    """Section -> its lines, and the first row of values as a person counts."""
+    """Section -> its lines, and the row number of the first values, counted from 1."""
     sections: dict[str, list[str]] = {}
     lines, first = sections.setdefault("", []), 0
     for k, line in enumerate(text.splitlines(), 1):
@@ -76,10 +76,10 @@ def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:
 
 
 def _units(names: list[str], sections: Mapping[str, list[str]]) -> dict[str, str]:
-    """Units of columns: what [header] says behind a channel's name, else those of standard channels."""
+    """Units of columns: stated in [header] after a channel's name, else those of standard channels."""
     titles = [line for line in sections.get("header", []) if line]
     further = sections.get("channel units", [])[:]
-    while further and not further[-1]:  # what parts sections
+    while further and not further[-1]:  # blank lines between sections
         further.pop()
     units = {}
     for k, name in enumerate(names):
@@ -91,7 +91,7 @@ def _units(names: list[str], sections: Mapping[str, list[str]]) -> dict[str, str
 
 
 def _seconds(clock: Array) -> Array:
-    """Seconds of a clock written as HHMMSS.SS; past midnight it runs on."""
+    """Clock times HHMMSS.SS in seconds, continued past midnight."""
     hours, rest = np.divmod(clock, 10_000.0)
     minutes, seconds = np.divmod(rest, 100.0)
     result = np.round(3600 * hours + 60 * minutes + seconds, 6)

@@ -1,4 +1,4 @@
-"""Raw frames of a CAN bus in a text file: identifiers and bytes, no signals before a DBC file decodes them."""
+"""Detection of raw CAN frames in text files: identifiers and bytes, which need a DBC file to become signals."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from ...base.errors import BadInput
 from ..column_map import SEPARATORS
 
 FEWEST, MOSTLY, LETTERS = 3, 0.8, 0.1
-"""Lines that have to be frames, their share, and the share of the bytes' cells in which a digit beyond 9 stands: with
-hexadecimal digits in any place 0.99 of eight bytes have one, zeros and counters have fewer."""
+"""Fewest lines that are frames, their share, and the least share of payload cells with a digit beyond 9: of eight bytes
+with random hexadecimal digits 0.99 have one, zeros and counters have fewer."""
 _DUMPED = re.compile(r"\s*\(?\d+([.]\d+)?\)?\s+\w+\s+[\dA-Fa-f]{3,8}(#|\s+\[\d+\]\s+[\dA-Fa-f]{2}\b)")
 _TRACED = re.compile(r"\s*\d+[.]\d+\s+\d+\s+[\dA-Fa-f]+x?\s+(Rx|Tx)\s+d\s+\d+\s")
-"""A line of candump, and of an ASC file."""
+"""Lines of candump, and of an ASC file."""
 _IDENTIFIER = re.compile(
     r"(can|arb\w*|arbitration|msg|message|frame)?[ _.-]*(id|identifier|addr|address)([ _.-]*\(?hex\)?)?"
 )
@@ -23,7 +23,7 @@ _HEX = re.compile(r"(0x)?([\dA-Fa-f]{2}([ :_-]|(?=[\dA-Fa-f])|$)){1,64}|b'.*'|b\
 
 
 def must_hold_signals(lines: Sequence[str], where: str) -> None:
-    """Raise `BadInput` where the first lines of a file are raw frames.
+    """Raise `BadInput` if the first lines of a file are raw frames.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def _mostly(frames: Sequence[bool]) -> bool:
 
 
 def _is_table(lines: Sequence[str], separator: str) -> bool:
-    """Whether below names of an identifier and of bytes bytes stand in hexadecimal digits."""
+    """Whether lines are a table with an identifier and payload bytes in hexadecimal digits."""
     rows = [[cell.strip().strip('"') for cell in line.split(separator)] for line in lines]
     names = [name.lower().lstrip("# ") for name in rows[0]] if rows else []
     if not any(_IDENTIFIER.fullmatch(name) for name in names):

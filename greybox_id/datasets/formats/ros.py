@@ -1,7 +1,7 @@
-"""ROS bags and MCAP files: every topic is a group on its own clock, its numbers are columns by dotted path.
+"""ROS bags and MCAP files: every topic is a group with its own clock; numbers are columns by dotted path.
 
-A topic's clock is the stamp in its messages' headers, or where they have none (or one of another epoch) the time at
-which the bag received them; both are counts of nanoseconds since 1970.
+A topic's clock is the stamp in its messages' headers. Without stamps, or if these have another epoch, it is the time at
+which the bag received the messages. Both are counts of nanoseconds since 1970.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ SHIPPED = {
     "ackermann_msgs": ("AckermannDrive", "AckermannDriveStamped"),
     "vesc_msgs": ("VescState", "VescStateStamped"),
 }
-"""Package -> messages whose definitions lie in `messages/`."""
+"""Package -> messages whose definitions are in `messages/`."""
 SAME = {"vesc_interfaces": "vesc_msgs"}
-"""Packages that call the same messages their own."""
+"""Packages that define the same messages under their own name."""
 LONGEST_ARRAY = 16
-"""Longer arrays are maps, images and covariances, not signals."""
+"""Largest length of an array of signals; longer ones are maps, images or covariances."""
 UNITS = {
     "linear_acceleration": "m/s^2", "angular_velocity": "rad/s", "twist.linear": "m/s", "twist.angular": "rad/s",
     "accel.linear": "m/s^2", "accel.angular": "rad/s^2", "linear": "m/s", "angular": "rad/s", "position": "m",
@@ -42,11 +42,11 @@ UNITS = {
     "current_motor": "A", "current_input": "A", "voltage_input": "V", "latitude": "deg", "longitude": "deg",
     "roll": "rad", "pitch": "rad", "yaw": "rad", "time": "s",
 }  # fmt: skip
-"""Units by the last parts of a path, as REP 103 and the definitions say."""
+"""Last parts of a path -> unit, by REP 103 and the message definitions."""
 
 
 def shipped_types(parse: Callable[[str, str], Mapping[str, Any]]) -> dict[str, Any]:
-    """Definitions of messages that are common on small cars and in no typestore, parsed."""
+    """Parsed definitions of messages that are common on small cars but missing in the typestores."""
     result: dict[str, Any] = {}
     folder = resources.files(__package__).joinpath("messages")
     for package, origin in [(item, item) for item in SHIPPED] + list(SAME.items()):
@@ -56,7 +56,7 @@ def shipped_types(parse: Callable[[str, str], Mapping[str, Any]]) -> dict[str, A
 
 
 def unit_of_path(path: str) -> str:
-    """Unit of a field; empty where its path does not tell."""
+    """Unit of a field, by its path; empty if unknown."""
     parts = path.split(".")
     tails = {".".join(parts[first:last]) for last in (len(parts), len(parts) - 1) for first in range(last)}
     return next((unit for tail, unit in UNITS.items() if tail in tails), "")
@@ -68,9 +68,9 @@ class Field:
 
     Attributes
     ----------
-    path : attributes from the message to it.
-    index : place in an array; None for a number that stands alone.
-    angle : "roll", "pitch" or "yaw" of the quaternion at `path`; empty for what the message holds itself.
+    path : attribute path within the message.
+    index : index in an array; None for a scalar.
+    angle : "roll", "pitch" or "yaw" of the quaternion at `path`; empty for a number stored in the message.
     """
 
     path: str
@@ -84,7 +84,7 @@ class Field:
         return ".".join(filter(None, (self.path, last)))
 
     def column(self, messages: list[Any]) -> NDArray[Any]:
-        """(n,) its values in all messages."""
+        """(n,) the field's values in all messages."""
         if self.angle:
             w, x, y, z = (np.array([attrgetter(f"{self.path}.{c}")(m) for m in messages], dtype=float) for c in "wxyz")
             return _angle(self.angle, w, x, y, z)
@@ -95,7 +95,7 @@ class Field:
 
 
 def fields_of(message: Any, path: str = "") -> Iterator[Field]:
-    """All numbers in a message but its header's, in its order; of quaternions the angles as well."""
+    """All numbers in a message except its header, in order; for quaternions the angles as well."""
     names = [
         name for name in getattr(message, "__dataclass_fields__", {}) if not name.startswith("__") and name != "header"
     ]
@@ -112,7 +112,7 @@ def fields_of(message: Any, path: str = "") -> Iterator[Field]:
 
 
 def _angle(which: str, w: Array, x: Array, y: Array, z: Array) -> Array:
-    """Roll, pitch, yaw (rad) of turns about z, y, x in that order; Diebel, "Representing attitude", 2006, eq. 290."""
+    """Roll, pitch, yaw (rad), rotations about z, y, x in this order; Diebel, "Representing attitude", 2006, eq. 290."""
     if which == "roll":
         return np.arctan2(2 * (w * x + y * z), 1 - 2 * (x**2 + y**2))
     if which == "pitch":
@@ -124,13 +124,13 @@ KIND = "ROS bag"
 TOPIC = "/recording"
 MESSAGE = "greybox_msgs/msg/Recording"
 SAME_EPOCH = 10.0
-"""Stamps further than this from the time of receipt, in s, are of another clock."""
+"""Difference from the time of receipt, s, beyond which stamps have another epoch."""
 LONGEST = 2**24
-"""Elements of a sequence in a message, beyond which it is taken as damaged."""
+"""Number of elements of a sequence beyond which a message is considered damaged."""
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
-    """Topics with numbers in their messages: sqlite3 or MCAP, a file or a folder; also bags of ROS 1.
+    """Topics with numeric messages: sqlite3 or MCAP, a file or a folder; also bags of ROS 1.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
 
 
 class _Bag:
-    """A bag on disk: opened anew for every topic that is read, its types parsed once."""
+    """A bag on disk: reopened for every topic, its types parsed once."""
 
     def __init__(self, file: Path) -> None:
         self.file = file
@@ -160,7 +160,7 @@ class _Bag:
 
     @contextmanager
     def opened(self) -> Iterator[tuple[Any, Callable[[bytes, str], Any]]]:
-        """The bag's reader, and what turns bytes of a type into a message."""
+        """The bag's reader, and the function that decodes bytes of a type into a message."""
         needed("rosbags", "ros", str(self.file), "ROS bags")
         from rosbags import rosbag1, rosbag2
 
@@ -169,7 +169,7 @@ class _Bag:
             yield reader, self.store.deserialize_ros1 if self.old else self.store.deserialize_cdr
 
     def _types(self, reader: Any) -> Any:
-        """All definitions: what the bag says of a type goes before what we know of it."""
+        """All message definitions: the bag's own take precedence over shipped ones."""
         from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
         store = get_typestore(Stores.ROS1_NOETIC if self.old else Stores.ROS2_HUMBLE)
@@ -192,14 +192,14 @@ class _Bag:
     def group(
         self, topic: str, connections: Sequence[Any], reader: Any, decode: Callable[[bytes, str], Any]
     ) -> Group | str:
-        """A topic's columns, as its first message tells them; a sentence where it cannot be read."""
+        """A topic's columns, by its first message; a sentence if it cannot be read; empty if it has no numbers."""
         kind = connections[0].msgtype
         first = next(reader.messages(connections=connections), None)
         if first is None:
             return ""
         try:
             fields = {field.name: field for field in fields_of(decode(first[2], kind))}
-        except Exception as error:  # an unknown type, or bytes that are none of it: the other topics may be sound
+        except Exception as error:  # an unknown type or damaged bytes: other topics may be sound
             return f"{topic}: messages of type {kind} cannot be read ({next(iter(str(error).splitlines()), kind):.80})."
         if not fields:
             return ""
@@ -239,12 +239,12 @@ class _Bag:
 
 
 def write(columns: Columns, path: Path) -> None:
-    """Write columns as messages on one topic of an MCAP file; the message's definition lies in the file.
+    """Write columns as messages on one topic of an MCAP file, which includes the message's definition.
 
     Raises
     ------
     BadInput
-        ROS would not take a column's name for that of a field, or rosbags is not installed.
+        A column's name is not a valid ROS field name, or rosbags is not installed.
     """
     needed("rosbags", "ros", str(path), "ROS bags")
     from rosbags import rosbag2

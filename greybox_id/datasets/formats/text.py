@@ -1,11 +1,10 @@
-"""Text files of rows and columns, also gzipped: CSV and what loggers make of it, with preambles, units and sources.
+"""Text files of rows and columns, also gzipped: CSV and loggers' variants with preambles, units and sources.
 
-Long tables (a row for every reading, its channel's name beside it) and lines of JSON become a group of columns for
-each channel.
+Long tables (one row per reading, with its channel's name) and lines of JSON become one group of columns per channel.
 
-Loggers write what they like above their values: a preamble of narrower lines, names, units, where a channel comes from.
-Where the table lies is seen by width: values are the rows that go on to the end, and names are the nearest lines of
-words above them that are as wide.
+Loggers write various lines above the values: a preamble of narrower lines, names, units, the source of a channel. The
+table is located by width: values are the rows that continue to the end, and names are in the nearest non-numeric lines
+of that width above them.
 """
 
 from __future__ import annotations
@@ -36,29 +35,29 @@ from .long_table import apart_by_name
 from .raw_can import must_hold_signals
 
 SPACE = " "
-"""Stands for any number of blanks between columns."""
+"""Separator of columns: any number of blanks."""
 SAMPLED = 400
-"""Lines from which the layout is told."""
+"""Lines from which the layout is determined."""
 NAMED = 0.8
-"""Share of the columns that a line of names must name; preambles are mostly blank at such a width."""
+"""Share of columns that a line of names must name; preambles are mostly blank at this width."""
 HEADING_LINES = 4
-"""Lines of words that may stand between a preamble and the values: names, units, sources, one more."""
+"""Largest number of non-numeric lines between preamble and values: names, units, sources, one more."""
 COMMENT = ("#", "%", "//")
 STATISTICS = (
     "min", "max", "mean", "avg", "average", "minimum", "maximum", "median", "std", "stdev", "sigma", "mittel",
     "mittelwert", "maximal", "minimal",
 )  # fmt: skip
-"""How a row begins that sums up the columns."""
+"""First cells of rows with statistics of the columns."""
 BETWEEN = 8
-"""Rows of numbers that may stand between names and values: statistics, numbers of channels, rates."""
+"""Largest number of numeric rows between names and values: statistics, channel numbers, rates."""
 FEWEST_ABOVE = 20
-"""Rows above the last one from which its cells and digits are told to be fewer."""
+"""Fewest rows above the last one to judge whether it has fewer cells or digits."""
 _DEVICE = re.compile(r"^\d+\s*:\s*")
 
 
 @dataclass(frozen=True)
 class TableLayout:
-    """How a text file holds its table.
+    """Layout of the table in a text file.
 
     Attributes
     ----------
@@ -66,11 +65,11 @@ class TableLayout:
     decimal : "." or ",".
     header : line of the names, from 0.
     first : first line of values, from 0.
-    names : what stands in the line of names, a mark of a comment and blank ends taken off, doubles told apart.
-    units : one for each name; empty where the file says none.
-    renamed : names that stood there more than once, as they stand there.
-    between : rows of numbers between names and values that are none of the recording.
-    words : rows of words among the values.
+    names : names of columns, without comment mark and blank ends, made unique.
+    units : one per name; empty if the file states none.
+    renamed : names that occur more than once, as in the file.
+    between : numeric rows between names and values that are not samples.
+    words : non-numeric rows among the values.
     cut : whether the file ends within its last row, which is left out.
     """
 
@@ -87,12 +86,12 @@ class TableLayout:
 
 
 def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
-    """The layout of a file from its first lines; a separator or a decimal mark that is empty is told as well.
+    """The layout of a file from its first lines; an empty separator or decimal mark is detected.
 
     Raises
     ------
     csv.Error
-        The line of names is none in the form of CSV.
+        The line of names is not valid CSV.
     """
     lines = lines[:SAMPLED]
     separator = separator or _separator(lines)
@@ -101,14 +100,14 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
     first = _first_values(rows, width)
     block, between = _words_above(rows, first, width) if first else ([], [])
     header = _line_of_names(rows, block, width)
-    if header is None:  # as every table has it: names in the first line
+    if header is None:  # the usual table: names in the first line
         header, block, between = 0, [], []
     below = [rows[k] for k in block if k > header]
     units: Sequence[str] = next((row for row in below if _is_units(row)), [])
     sources: Sequence[str] = next((row for row in below if row is not units), [])
     line = lines[header].lstrip("#% ") if lines and lines[header].startswith(COMMENT) else "".join(lines[header:][:1])
     names = [cell.strip() for cell in _cells(line, separator, strict=True)]
-    while names and not names[-1]:  # a comma at the end of each line
+    while names and not names[-1]:  # a trailing separator in each line
         names.pop()
     known, renamed = _told_apart(names, sources)
     stated = tuple(stated_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
@@ -122,7 +121,7 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
 
 
 def _cells(line: str, separator: str, strict: bool = False) -> list[str]:
-    """The cells of a line; a line that is none in the form of CSV is one cell."""
+    """The cells of a line; a line that is not valid CSV is one cell."""
     if separator == SPACE:
         return line.split()
     try:
@@ -134,7 +133,7 @@ def _cells(line: str, separator: str, strict: bool = False) -> list[str]:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """The separator that cuts most of the later lines into equally many cells, two at least."""
+    """The separator that splits most of the later lines into the same number of cells, at least two."""
     later = [line for line in lines[len(lines) // 2 :] if line.strip()]
     best: str = SEPARATORS[0]
     reached: tuple[int, int] | None = None
@@ -143,21 +142,21 @@ def _separator(lines: Sequence[str]) -> str:
         widths.pop(1, None)
         if not widths:
             continue
-        merit = (max(widths.values()), -_split_numbers(later, item))  # decimal commas cut rows evenly, too
+        merit = (max(widths.values()), -_split_numbers(later, item))  # decimal commas also split rows evenly
         if reached is None or merit > reached:
             best, reached = item, merit
     return best
 
 
 def _split_numbers(lines: Sequence[str], separator: str) -> int:
-    """Cells of a few lines that are no number, instant or word of their own: another separator stands in them."""
+    """Number of cells in the first lines that contain another separator and are no number or instant."""
     cells = [cell for line in lines[:20] for cell in _cells(line, separator)]
     others = [item for item in (*SEPARATORS, SPACE) if item != separator]
     return sum(1 for c in cells if not (is_value(c) or unit_behind(c)) and any(other in c for other in others))
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:
-    """How many cells the rows that go on to the end have."""
+    """Number of cells of the rows that continue to the end of the sample."""
     widths = Counter(len(row) for row in rows[len(rows) // 2 :] if any(row))
     return max(widths, key=lambda item: (widths[item], item)) if widths else 0
 
@@ -167,9 +166,9 @@ def _words(row: Sequence[str]) -> int:
 
 
 def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
-    """The first of the rows that hold values to the end."""
+    """Index of the first row of values."""
     wide = [row for row in rows[len(rows) // 2 :] if len(row) == width]
-    usual = max((_words(row) for row in wide), default=0)  # labels among the values
+    usual = max((_words(row) for row in wide), default=0)  # number of text columns among the values
     for k, row in enumerate(rows):
         if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(is_value, row)):
             later = [row for row in rows[k + 1 : k + 11] if any(row)]
@@ -180,9 +179,9 @@ def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
 
 
 def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple[list[int], list[int]]:
-    """Lines of words above the values, as wide as they are, and rows of numbers between them; from the top.
+    """Non-numeric lines of the table's width above the values, and numeric rows between them, from the top.
 
-    Blank lines may stand between them, and up to `BETWEEN` full rows that sum the columns up or number them.
+    Blank lines may lie between them, and up to `BETWEEN` full rows of statistics or channel numbers.
     """
     block: list[int] = []
     between: list[int] = []
@@ -206,16 +205,16 @@ def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple
 
 
 def _sums_up(row: Sequence[str]) -> bool:
-    """Whether a row holds the least, the mean or the like of each column."""
+    """Whether a row holds a statistic of each column, such as the minimum or the mean."""
     return bool(row) and row[0].strip("[]():= ").lower() in STATISTICS
 
 
 def _line_of_names(rows: Sequence[Sequence[str]], block: Sequence[int], width: int) -> int | None:
-    """The line that names the columns: above the units, else the topmost that names nearly all."""
+    """The line of names: directly above the units or, without units, the topmost line that names nearly all columns."""
     full = [k for k in block if sum(1 for cell in rows[k] if cell) >= NAMED * width and not _is_units(rows[k])]
     units = next((k for k in block if _is_units(rows[k])), None)
     above = [k for k in full if units is None or k < units]
-    if not above:  # names that could be units, and nothing above them
+    if not above:  # the names are spelled like units, and no line is above them
         return next((k for k in block if sum(1 for cell in rows[k] if cell) >= NAMED * width), None)
     if units is not None:
         return above[-1]
@@ -230,7 +229,7 @@ def _is_units(row: Sequence[str]) -> bool:
 
 
 def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names that stand there once: those that stand there twice with their source, else with a number."""
+    """Unique names: repeated ones get their source, or else a number; and the repeated names."""
     counts = Counter(names)
     known: list[str] = []
     for k, name in enumerate(names):
@@ -247,27 +246,27 @@ def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str
 LINE_END = re.compile(rb"\r\n|\r|\n")
 _COMMENT_LINE = re.compile(rb"(?m)^[ \t]*(?:#|//)[^\r\n]*(?:\r\n|\r|\n|$)")
 _OTHER_LETTERS = frozenset("°º²³µ·±–")
-"""Beside letters, what is not ASCII in names and units that Windows wrote in its own code page."""
+"""Characters other than letters that are allowed in names and units in the code page of Windows."""
 KIND = "CSV"
 GZIP = b"\x1f\x8b"
 HEAD = 65_536
-"""Bytes in which the layout is looked for."""
+"""Bytes in which the layout is searched."""
 
 
 def contents(file: Path, mapping: ColumnMap) -> Contents:
-    """The table in a text file, zipped or not; of a long table a group for every channel.
+    """The table in a text file, zipped or not; a long table has one group per channel.
 
     Raises
     ------
     BadInput
-        The bytes are no text, or the line of names and the rows do not form a table.
+        The bytes are not text, or the names and the rows do not form a table.
     """
     table, layout = csv_table(text_of_file(file), str(file), mapping.separator, mapping.decimal)
     return apart_by_name(table, KIND) or whole(table, KIND, notes_of(layout))
 
 
 def text_of_file(file: Path) -> bytes:
-    """The text of a file as UTF-8, unzipped. Raises `BadInput` where it is none, or too long."""
+    """The text of a file as UTF-8, unzipped. Raises `BadInput` if it is not text, or too long."""
     bounded(file.stat().st_size, str(file))
     data = file.read_bytes()
     if data.startswith(GZIP) or file.name.lower().endswith(".gz"):
@@ -293,7 +292,7 @@ def text_of_file(file: Path) -> bytes:
 
 
 def _utf_16(data: bytes) -> str:
-    """The name of the code if a text is in UTF-16, by its mark or by every second byte being null; else empty."""
+    """The codec if a text is UTF-16, by its byte order mark or by null bytes in every second place; else empty."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     begin = data[:HEAD]
@@ -304,7 +303,7 @@ def _utf_16(data: bytes) -> str:
 
 
 def _utf_8(data: bytes, where: str) -> bytes:
-    """Text as UTF-8; names and units in the code page of Windows (a degree sign) are understood."""
+    """Text as UTF-8; letters and signs in the code page of Windows (a degree sign) are converted."""
     if b"\0" in data:
         raise BadInput(
             f"{where} is not a text file: it holds null bytes. Name a CSV file in UTF-8, or a .parquet file."
@@ -325,12 +324,12 @@ def _utf_8(data: bytes, where: str) -> bytes:
 
 
 def write(columns: Columns, path: Path) -> None:
-    """Write columns as numbers that read back exactly; a missing value is an empty cell."""
+    """Write columns with all digits, so that reading returns the same numbers; missing values are empty cells."""
     pd.DataFrame(dict(columns.values)).to_csv(path, index=False)
 
 
 def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -> tuple[RawTable, TableLayout]:
-    """The table in the text of a CSV file, and how it lies there. Raises `BadInput` where it forms none."""
+    """The table in the text of a CSV file, and its layout. Raises `BadInput` if it is not a table."""
     layout = laid_out(data, where, separator, decimal)
     names = layout.names
     parts = LINE_END.split(data, maxsplit=layout.first)
@@ -348,7 +347,7 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
 
 
 def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") -> TableLayout:
-    """How a table lies in a text, told from its beginning. Raises `BadInput` where there is none."""
+    """The layout of a table, from the beginning of the text. Raises `BadInput` if there is none."""
     head = _head(data, separator, where)
     must_hold_signals(head, where)
     try:
@@ -359,7 +358,7 @@ def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") ->
     if not names:
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
-    if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
+    if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # repeated ones have a number added
         raise BadInput(
             f"{where}: row {layout.header + 1} holds values in place of column names. Write the column "
             f"names above the values."
@@ -368,7 +367,7 @@ def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") ->
 
 
 def table_of(frame: pd.DataFrame, layout: TableLayout, where: str) -> tuple[RawTable, TableLayout]:
-    """Rows of values, by the places of their columns, as a table without empty rows at the end.
+    """Rows of values, keyed by column index, as a table without empty rows at the end.
 
     Raises `BadInput` for a row with more cells than there are names.
     """
@@ -387,7 +386,7 @@ def table_of(frame: pd.DataFrame, layout: TableLayout, where: str) -> tuple[RawT
 
 
 def without_sums(body: bytes, separator: str) -> bytes:
-    """The rows of values without those at the end that sum them up."""
+    """The rows of values without statistics at the end."""
     for _ in range(BETWEEN):
         kept, _, last = body.rstrip().rpartition(b"\n")
         if not kept or not _sums_up(_cells(last[:HEAD].decode("utf-8", "ignore"), separator)):
@@ -397,8 +396,8 @@ def without_sums(body: bytes, separator: str) -> bytes:
 
 
 def without_cut(body: bytes, layout: TableLayout) -> tuple[bytes, bool]:
-    """The rows without a last one that the file's end cut, and whether there is one: no line end is behind it, and it
-    has fewer cells than the rows above, or its last number fewer digits.
+    """The rows without a last one that the file's end cut off, and whether there is one: it has no line end, and fewer
+    cells than the rows above, or fewer digits in its last number.
     """
     if body.endswith((b"\n", b"\r")):
         return body, False
@@ -415,26 +414,26 @@ def without_cut(body: bytes, layout: TableLayout) -> tuple[bytes, bool]:
 
 
 def _digits(cell: str, decimal: str) -> tuple[int, int]:
-    """Digits of a number behind its decimal mark, and before it."""
+    """Number of digits after the decimal mark, and before it."""
     whole, _, rest = cell.strip().partition(decimal)
     return len(rest), len(whole.lstrip("+-"))
 
 
 def _head(data: bytes, separator: str, where: str) -> list[str]:
-    """The first lines, two whole ones at least."""
+    """The first lines, at least two complete ones."""
     ends = [match.end() for _, match in zip(range(2), LINE_END.finditer(data), strict=False)]
     cut = max(HEAD, *ends, 0) if len(ends) == 2 else len(data)
     head = data[:cut].decode("utf-8", "ignore").splitlines()
     if len(data) > cut and len(head) > 2 and not data[:cut].endswith((b"\n", b"\r")):
-        head.pop()  # cut off
+        head.pop()  # an incomplete line
     for item in [separator] if separator else SEPARATORS:
         few_enough(max((line.count(item) + 1 for line in head[:2]), default=0), where)
     return head
 
 
 def options(layout: TableLayout) -> dict[str, Any]:
-    """How pandas reads the rows of values, one column more than there are names."""
-    # One column more than the header names: a row that is too long shows itself there instead of shifting others.
+    """Options of pandas for the rows of values, with one column more than there are names."""
+    # With one column more than the header names, a row that is too long is detected instead of shifting other cells.
     columns = list(range(len(layout.names) + 1))
     blanks = {"sep": r"\s+"} if layout.separator == SPACE else {"sep": layout.separator, "skipinitialspace": True}
     # Blank lines are rows, so that row numbers stay those of the file.
@@ -444,7 +443,7 @@ def options(layout: TableLayout) -> dict[str, Any]:
 
 @contextmanager
 def as_sentences(where: str, layout: TableLayout) -> Iterator[None]:
-    """Turns what pandas says against a table into a sentence."""
+    """Convert errors of pandas about a table into `BadInput`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
@@ -458,7 +457,7 @@ def as_sentences(where: str, layout: TableLayout) -> Iterator[None]:
 
 
 def notes_of(layout: TableLayout) -> tuple[str, ...]:
-    """What a person should know of how a table was read."""
+    """Notes on how a table was read."""
     notes = []
     if layout.header:
         notes.append(f"{layout.header} lines above the names, which are in row {layout.header + 1}, were skipped.")

@@ -1,7 +1,7 @@
-"""Proposing a column map for a file whose columns nobody has mapped: from names, units and cross-checks.
+"""Proposing a column map for a new file, from column names, units and cross-checks.
 
-A wrong guess given with confidence is worse than a question: what cannot be decided is left to the user, with what
-speaks for each alternative.
+A confident wrong guess is worse than a question: what cannot be decided is left to the user, with the evidence for
+each alternative.
 """
 
 from .evidence import MapEntry

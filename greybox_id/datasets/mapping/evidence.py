@@ -1,4 +1,4 @@
-"""What the data say of units and signs: channels that must tell the same story do so in one set of units only."""
+"""Evidence on units and signs from the data: pairs of channels agree only in the right units."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ from ..recording import Recording
 
 @dataclass(frozen=True)
 class MapEntry:
-    """What a column is proposed to be.
+    """Proposed use of a column.
 
     Attributes
     ----------
     signal : the signal it may hold.
     column : its full name in the file.
-    unit : the file's unit; empty where nothing tells it.
-    sign : -1 where it counts the other way round.
+    unit : the file's unit; empty if unknown.
+    sign : -1 if the column has the opposite sign.
     divide_by : file units in one `unit`, for counts.
-    decided : whether it may stand in the map as it is; otherwise the user is asked.
-    reasons : what speaks for it, or why it is left open.
-    units : what the unit may be, where that is open.
-    otherwise : further names that the column has in other files.
-    other_units : of these, where they are not `unit`.
-    rest : of time: the column that holds what whole seconds leave; empty for none.
+    decided : whether the entry may be used as it is; otherwise the user is asked.
+    reasons : evidence for it, or why it is left open.
+    units : possible units, if undecided.
+    otherwise : alternative names of the column in other files.
+    other_units : units under the alternative names, if not `unit`.
+    rest : of time: the column with the fraction of the second; empty for none.
     rest_unit : of that column.
-    sign_column, negative : of a magnitude, as of `Column`.
-    missing : numbers of the file that stand for no reading.
-    ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
+    sign_column, negative : of a magnitude, as in `Column`.
+    missing : numbers in the file that mean "no reading".
+    ends : of counts about a centre: least, centre and largest value in the file, whose angles the user states.
     """
 
     signal: str
@@ -58,7 +58,7 @@ class MapEntry:
     ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
-        """The entry as a column map holds it; an unknown unit is taken as SI."""
+        """The entry as a column of a map; an unknown unit is taken as SI."""
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
         return replace(
@@ -68,32 +68,32 @@ class MapEntry:
 
     @property
     def factor(self) -> float:
-        """SI value of one of the file's units, without the sign."""
+        """SI value of one file unit, without the sign."""
         column = self.as_column()
         return to_si(column.unit, column.si_unit).factor * column.scale
 
 
 USUAL = {"m/s": ("m/s", "km/h"), "rad/s": ("rad/s", "deg/s"), "rad": ("rad", "deg"), "m/s^2": ("m/s^2", "g")}
-"""Units in which files hold a signal of this SI unit; any other has only its own."""
+"""SI unit of a signal -> units used in files; other signals occur in their SI unit only."""
 RATIOS = (7.0, 30.0)
-"""Hand wheel over road wheel, from racing cars to trucks."""
+"""Range of steering ratios, from racing cars to trucks."""
 HAND = 0.5
-"""What it costs to take a steering column whose name does not say so as the hand wheel's: less than `MARGIN`, so that
-no other unit is settled by the length of a vehicle with that wheel at its axle."""
+"""Cost of taking a steering column as the hand wheel's if its name does not say so: less than `MARGIN`, so that no
+other unit is decided by the implausible length of a vehicle steered directly by that wheel."""
 MOST_TURNS = 4 * np.pi
-"""Angle in rad that no hand wheel is turned to either side."""
+"""Angle in rad beyond which no hand wheel is turned."""
 ODD = {"mph": 0.44704, "knot": 0.514444}
-"""Speeds that are recorded in these are asked about where the motion says so, in m/s."""
+"""Unusual units of speed in m/s: if the motion suggests one, the user is asked."""
 NEAR_ODD, FAR_OFF = 0.12, 0.35
-"""Logarithm of the factor by which relations may be off in such a unit, and are at least in the usual one."""
+"""Absolute log ratio of the relations: largest in such a unit, and smallest in the usual unit, to suggest it."""
 FULL, PERCENT = 1.5, 100.5
-"""A pedal's values up to here are shares, or percent."""
+"""Largest value of a pedal as a share, and in percent."""
 PEDALS = ("throttle", "brake")
 MARGIN = 0.7
-"""How much better, in the logarithm of a factor, a unit must explain the data than the next (a factor of two)."""
+"""Difference of misfits (logarithms of a factor) by which a unit must beat the next best: a factor of two."""
 TOO_FAR = 4.0
 LOST = 1.0
-"""What a pair costs that agrees in other units only: an angle in wrong units jumps where it begins anew."""
+"""Cost of a pair that agrees in other units only: an angle in wrong units jumps where it wraps."""
 RARE = {
     "a_x": 25.0,
     "a_y": 25.0,
@@ -104,39 +104,39 @@ RARE = {
     "sideslip": 1.6,
     "yaw": 30.0,
 }
-"""Sizes (99th percentile, SI) beyond which a unit is improbable, though not impossible."""
+"""Magnitudes (99th percentile, SI) beyond which a unit is improbable, though not impossible."""
 MOST_ROWS = 20_000
 WHEELBASES = {False: (0.12, 12.0), True: (1.0, 12.0)}
-"""Lengths that v_x · steer / yaw_rate may have, in m: of any vehicle, and of one that is fast."""
+"""Range of v_x · steer / yaw_rate in m: of any vehicle (False), and of a fast one (True)."""
 FAST = 20.0
-"""Speed in m/s that no small model drives."""
+"""Speed in m/s that no small model car reaches."""
 AXES = {"v_x": "x", "v_y": "y", "a_x": "x", "a_y": "y", "roll": "roll", "pitch": "pitch", "yaw": "yaw",
         "roll_rate": "x", "yaw_rate": "z"}  # fmt: skip
-"""What tells a signal's name from its siblings'."""
+"""Part of a column's name that distinguishes the axes of one sensor."""
 
 
 @dataclass(frozen=True)
 class Met:
-    """A pair of channels and how far they agree."""
+    """A pair of channels and its agreement."""
 
     pair: Pair
     agreed: Agreement
 
     @property
     def words(self) -> str:
-        """For a person."""
+        """The agreement as a sentence."""
         if self.pair.kinematic:
             return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
         return f"{self.pair.right} over {self.pair.left} gives a wheelbase of {number(1 / abs(self.agreed.gain), 2)} m"
 
 
 def pairs_of(recording: Recording) -> list[Pair]:
-    """All pairs of a recording that runs on at all; without a yaw rate the heading stands in for it."""
+    """All pairs of a recording whose time advances; without a yaw rate, the heading's rate replaces it."""
     return [*pairs(recording), *_of_heading(recording)] if recording.sample_time > 0 else []
 
 
 def _of_heading(r: Recording) -> list[Pair]:
-    """What the heading's rate says of lateral acceleration and steering, where no yaw rate is recorded."""
+    """Pairs of the heading's rate with lateral acceleration and steering, if no yaw rate is recorded."""
     if "yaw_rate" in r or not r.has("yaw", "v_x"):
         return []
     turn, result = rate(r, r["yaw"], True), []
@@ -151,13 +151,13 @@ def _of_heading(r: Recording) -> list[Pair]:
 
 
 def met(recording: Recording) -> list[Met]:
-    """All pairs that agree, or contradict each other, beyond chance."""
+    """All pairs whose correlation, positive or negative, is significant."""
     result = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs_of(recording)]
     return [item for item in result if item.agreed.beyond_chance]
 
 
 def sizes_of(recording: Recording) -> dict[str, float]:
-    """99th percentile of every signal's size; 0 where nothing is finite."""
+    """99th percentile of every signal's magnitude; 0 without finite values."""
     finite = {name: values[np.isfinite(values)] for name, values in recording.signals.items()}
     return {name: float(np.quantile(np.abs(v), 0.99)) if v.size else 0.0 for name, v in finite.items()}
 
@@ -169,10 +169,10 @@ def with_units(
 
     Parameters
     ----------
-    entries : one for each signal; a unit that is stated is only checked.
-    raw : the signals as the file holds them, with factor 1.
+    entries : one per signal; stated units are only checked.
+    raw : the signals in the file's units, with factor 1.
     wheelbase : in m, if known.
-    hand_wheel : whether the name of the steering column says that it is the hand wheel's angle.
+    hand_wheel : whether the name of the steering column means the hand wheel's angle.
     """
     short = raw.rows(0, MOST_ROWS)
     sizes = sizes_of(short)
@@ -209,7 +209,7 @@ def with_units(
 
 
 def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
-    """Open units of columns whose names differ by the axis alone (vx and vy) become those of the decided one."""
+    """Open units of columns whose names differ only in the axis (vx and vy), taken from a decided one of them."""
     families = {_family(e): e for e in entries if e.decided and e.unit and _family(e)}
     result = []
     for entry in entries:
@@ -228,7 +228,7 @@ def _family(entry: MapEntry) -> tuple[str, str] | None:
 
 
 def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
-    """An entry in every unit that it may have."""
+    """An entry in every possible unit."""
     counted = _counted(entry, raw, sizes)
     if counted:
         return counted
@@ -246,7 +246,7 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
 
 
 def _beyond_belief(entry: MapEntry, sizes: Mapping[str, float]) -> MapEntry:
-    """An entry whose unit, as the file states it, cannot be: asked about, in the usual one that can be."""
+    """An entry whose stated unit is impossible, as a question with a possible usual unit."""
     others = [replace(entry, unit=item) for item in USUAL.get(SIGNALS[entry.signal].unit, ()) if item != entry.unit]
     possible = [option for option in others if not _impossible(option, sizes)]
     if not possible or not _impossible(entry, sizes):
@@ -272,7 +272,7 @@ def _by_margin(
 
 
 def _pedal(entry: MapEntry, size: float) -> MapEntry:
-    """A pedal without a unit: a share, percent, or something that only who wired it knows."""
+    """A pedal without a unit: a share, percent, or counts that only the user can interpret."""
     if size <= FULL:
         return replace(entry, unit="1", reasons=(*entry.reasons, "unit: assumed, since nothing in the file checks it"))
     upto = f"values up to {number(size, 3)}"
@@ -291,7 +291,7 @@ def _pedal(entry: MapEntry, size: float) -> MapEntry:
 
 
 def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
-    """A speed as a question, where all that it takes part in says that it is in miles or knots."""
+    """A speed as a question, if all relations with it suggest miles per hour or knots."""
     if entry.signal != "v_x":
         return entry
     paired = [item for item in agreed if item.pair.kinematic and "v_x" in item.pair.channels and item.agreed.gain]
@@ -306,7 +306,7 @@ def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
 
 
 def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
-    """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
+    """A stated or the only possible unit, with contradicting evidence; `steering` handles hand-wheel angles."""
     met = [item for item in agreed if entry.signal == item.pair.nodes[0]]
     off = [item.words for item in met if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
     how = "unit: stated in the file" if before.unit else "unit: assumed, since nothing in the file checks it"
@@ -314,7 +314,7 @@ def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase:
 
 
 def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
-    """A speed that is none in any usual unit: counts, whose number in 1 m/s the other channels tell; else nothing."""
+    """A speed impossible in any usual unit: counts, with their number per m/s from other channels; else empty."""
     if entry.signal != "v_x" or sizes["v_x"] <= 3.6 * LIMITS["v_x"][0]:
         return []
     why = (
@@ -346,7 +346,7 @@ def _costs(
     wheelbase: float | None,
     hand_wheel: bool,
 ) -> dict[tuple[int, ...], float]:
-    """How badly each choice of units explains the data; a pair that agrees in other units only counts too."""
+    """Cost of each choice of units; pairs that agree in other units only add `LOST`."""
     known: dict[tuple[object, ...], Met] = {}
     misfits: dict[tuple[int, ...], dict[str, float]] = {}
     costs: dict[tuple[int, ...], float] = {}
@@ -379,14 +379,14 @@ def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
 
 
 def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0, hand: float = np.inf) -> float:
-    """How far a pair is from what is due, as the logarithm of a factor.
+    """Deviation of a pair's gain from the expected value, as the logarithm of a factor.
 
     Parameters
     ----------
     met : the pair.
     wheelbase : in m, if known.
-    speed : m/s, the largest.
-    hand : what it costs that steering is the hand wheel's angle; 0 where its name says so.
+    speed : largest speed, m/s.
+    hand : cost of taking steering as the hand wheel's angle; 0 if its name says so.
     """
     if met.pair.kinematic:
         return float(min(abs(np.log(abs(met.agreed.gain))), TOO_FAR))
@@ -404,30 +404,30 @@ def _impossible(entry: MapEntry, sizes: Mapping[str, float]) -> bool:
 
 
 def _improbable(entry: MapEntry, sizes: Mapping[str, float], hand: float = HAND) -> float:
-    """What the size of a signal costs in a unit; steering may be the hand wheel's angle at the cost `hand`."""
+    """Cost of a signal's magnitude in a unit; steering may be the hand wheel's angle at the cost `hand`."""
     size = sizes[entry.signal] * entry.factor
     cost = TOO_FAR * _impossible(entry, sizes) + 1.0 * (size > RARE.get(entry.signal, np.inf))
     return min(cost, hand) if entry.signal == "steer" and size < MOST_TURNS else cost
 
 
 ANCHORS = ("course over ground (latitude, longitude)", "v_x")
-"""What has its sign from elsewhere: a course from north and east, and a vehicle that drives forward."""
+"""Signals of known sign: a course from north and east, and the speed of a vehicle driving forward."""
 EASTING = "course over ground (x, y)"
 CLEAR = 3
-"""So many channels on one side against a single one settle which is wrong."""
+"""Number of channels of one sign against a single other one that decides which is wrong."""
 
 
 def with_signs(
     entries: Sequence[MapEntry], agreed: Sequence[Met], compass: bool = False, easting: bool = False
 ) -> list[MapEntry]:
-    """The entries with signs that agree with each other, or left open where two sides are as likely.
+    """The entries with consistent signs; left open if two alternatives are equally likely.
 
     Parameters
     ----------
     entries : the signals.
     agreed : pairs of them.
-    compass : whether the heading is called as a compass's, which counts clockwise.
-    easting : whether x and y are called east and north, so that their course is anchored as a geographic one is.
+    compass : whether the heading's name is a compass's, which counts clockwise.
+    easting : whether x and y are named east and north, so that their course has a known sign like a geographic one.
     """
     anchors = (*ANCHORS, EASTING) if easting else ANCHORS
     result = {entry.signal: entry for entry in entries}
@@ -439,7 +439,7 @@ def with_signs(
         ]
         right, wrong, sure = _judged(sides, anchors, compass)
         for name in wrong:
-            if name not in result:  # the course of x and y: one of them is mirrored, or all the rest is
+            if name not in result:  # the course from x and y: one of them is mirrored, or all other signals are
                 name = "y"
             if name in result:
                 why = "; ".join(word for word in words if name in word) or "; ".join(words)
@@ -455,7 +455,7 @@ def with_signs(
 
 
 def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
-    """Channels that are tied to each other, each with its side, 1 or -1; the strongest ties decide."""
+    """Connected groups of channels, each with its relative sign, 1 or -1; stronger correlations take precedence."""
     groups: list[dict[str, int]] = []
     for item in sorted(agreed, key=lambda m: -abs(m.agreed.correlation)):
         a, b = item.pair.nodes
@@ -475,7 +475,7 @@ def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
 
 
 def _judged(sides: dict[str, int], anchors: Sequence[str], compass: bool) -> tuple[list[str], list[str], bool]:
-    """The channels that are right, those that are wrong, and whether that is certain."""
+    """The channels with the right sign, those with the wrong one, and whether that is certain."""
     anchor = next((name for name in anchors if name in sides), None)
     if anchor:
         right = [name for name, side in sides.items() if side == sides[anchor]]

@@ -1,4 +1,4 @@
-"""What a column's name says: which signal it may hold, and in which unit."""
+"""Interpretation of column names: possible signal and unit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..instants import EPOCHS, SERIAL, newest_first
 from .evidence import MapEntry
 
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
-"""What a name may mean beside the signals; a hand wheel's angle is the steering times a ratio that the file keeps."""
+"""Meanings other than signals; a hand wheel's angle is the steering angle times a ratio that is not in the file."""
 
 CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
            "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
@@ -80,7 +80,7 @@ RULES: dict[str, tuple[str, ...]] = {
     **{f"wheel_speed_{w}": (rf"(wheel speed|wheelspeed|ws|omega|wheel) {s}|{s} wheel( speed| vel| velocity)?",)
        for w, s in (("left", "(left|l)"), ("right", "(right|r)"))},
 }  # fmt: skip
-"""Signal -> patterns of names in plain words, most telling first."""
+"""Signal -> patterns of names in plain words, most specific first."""
 AMBIGUOUS = {
     "omega": "the angular velocity of a wheel or a motor",
     "w": "the angular velocity of a wheel or a motor",
@@ -90,13 +90,13 @@ AMBIGUOUS = {
     "phi": "the heading",
     "theta": "the heading",
 }
-"""Names that people use for something else as well: such a column is never mapped without a question, unless its
-sibling has the other meaning by name."""
+"""Names with a second usual meaning: such a column is never mapped without a question, unless another column has the
+other meaning by name."""
 
 PLACES = ("lat", "long")
-"""Where these end a name, an acceleration or a speed is more often meant than a place."""
+"""Name endings that mean an acceleration or a speed more often than a place."""
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
-"""Words of what is asked for: such a column holds no measured speed or acceleration."""
+"""Words of commands and references: such a column is not a measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
                    r"data|value|cval|signal|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder"
                    r"|0\d)\b")  # fmt: skip
@@ -112,24 +112,24 @@ WORDS_OF_UNITS = {
     "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
     "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
 }  # fmt: skip
-"""Units as names end in them."""
+"""Unit suffixes of names."""
 RATES = {"yaw": "yaw_rate", "roll": "roll_rate"}
-"""Angle -> what it is in a unit of its rate."""
+"""Angle -> its rate, which is meant if the unit is that of a rate."""
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
 
 @dataclass(frozen=True)
 class Guess:
-    """What a name may mean.
+    """Interpretation of a name.
 
     Attributes
     ----------
     signal : a signal, or TIME, RUN or HAND_WHEEL.
-    unit : that the name states; empty if none.
-    rank : how far the name is from a telling one; 0 is what everybody would take it for.
-    wish : whether it is asked for rather than measured.
-    else_ : what else columns of this name hold; empty if nothing.
+    unit : stated in the name; empty if none.
+    rank : distance of the name from an unambiguous one; 0 is best.
+    wish : whether it is a command or reference rather than a measurement.
+    else_ : other usual meaning of the name; empty if none.
     """
 
     signal: str
@@ -140,16 +140,16 @@ class Guess:
 
 
 def guess_in(group: Group, column: str) -> Guess | None:
-    """What a column of a group may mean; the name of the group says whether it is asked for, as `commands/v` is."""
+    """Interpretation of a column of a group; the group's name may mark it as a command, such as `commands/v`."""
     result = guess(column.removeprefix(group.prefix)) or guess(column)
     return replace(result, wish=result.wish or bool(WISHES.search(plain_words(group.name)))) if result else None
 
 
 def guess(column: str) -> Guess | None:
-    """The most telling reading of a column's name; None where it says nothing."""
+    """The best interpretation of a column's name; None if the name is unknown."""
     bare, stated = _bracketed(column)
-    bare = bare.partition("\\")[0]  # what stands behind it is a device
-    if stated and not NOISE.sub("", plain_words(stated)).strip():  # where it is from, as in "acc x (IMU)"
+    bare = bare.partition("\\")[0]  # a device name follows the backslash
+    if stated and not NOISE.sub("", plain_words(stated)).strip():  # the source, as in "acc x (IMU)"
         bare, stated = f"{bare} {stated}", ""
     stated = known_unit(stated) or stated
     words = plain_words(bare)
@@ -161,7 +161,7 @@ def guess(column: str) -> Guess | None:
 
 
 def fits(unit: str, signal: str) -> bool:
-    """Whether values in this unit can be the signal."""
+    """Whether the unit is possible for the signal."""
     target = {TIME: "s", RUN: "1", HAND_WHEEL: "rad"}.get(signal) or SIGNALS[signal].unit
     try:
         to_si(unit, target)
@@ -171,12 +171,12 @@ def fits(unit: str, signal: str) -> bool:
 
 
 def plain_words(name: str) -> str:
-    """A name in lower case, its words apart."""
+    """A name in lower case, split into words."""
     return " ".join(re.split(r"[\s_\-./:|\\]+", _CAMEL.sub(" ", name))).lower().strip()
 
 
 def of_a_tyre_rig(columns: Iterable[str]) -> bool:
-    """Whether columns are those of a tyre on a rig: slip angle, load and side force."""
+    """Whether columns are those of a tyre test rig: slip angle, load and side force."""
     words = {_bracketed(column)[0] for column in columns}
     words = {plain_words(word).replace(" ", "") for word in words}
     slip = words & {"sa", "slipangle", "alpha"}
@@ -184,12 +184,12 @@ def of_a_tyre_rig(columns: Iterable[str]) -> bool:
 
 
 def counts_clockwise(column: str) -> bool:
-    """Whether a column is called as the angles of a compass are."""
+    """Whether a column is named like the angles of a compass."""
     return bool(re.search(r"\b(heading|bearing|course|cog|track angle)\b", plain_words(column)))
 
 
 def is_north_of(x: str, y: str) -> bool:
-    """Whether two columns are called east and north."""
+    """Whether two columns are named east and north."""
     east, north = r"\b(easting|east|utm e)\b", r"\b(northing|north|utm n)\b"
     return bool(re.search(east, plain_words(x)) and re.search(north, plain_words(y)))
 
@@ -202,13 +202,13 @@ def _bracketed(column: str) -> tuple[str, str]:
 
 
 def _read(words: str, unit: str) -> list[Guess]:
-    """All rules that the words, or their last ones, obey."""
+    """All rules that match the words, or their last ones."""
     result = []
     quiet = " ".join(NOISE.sub(" ", words).split())
     parts = quiet.split()
     tails = [(words, 0), (quiet, 1), *((" ".join(parts[n:]), 1 + 2 * n) for n in range(1, len(parts)))]
     for text, cost in tails:
-        if cost > 1 and (len(text) < 4 or text in PLACES):  # a last letter alone says nothing, nor does "long"
+        if cost > 1 and (len(text) < 4 or text in PLACES):  # a last letter alone means nothing, nor does "long"
             continue
         for signal, patterns in RULES.items():
             for order, pattern in enumerate(patterns):
@@ -223,18 +223,18 @@ def _read(words: str, unit: str) -> list[Guess]:
 
 
 SLOWEST, FASTEST = 1.0, 2e4
-"""Sample rates of vehicle recordings in Hz lie between these."""
+"""Range of sample rates of vehicle recordings in Hz."""
 
 
 def time_of(
     group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], texts: Set[str] = frozenset()
 ) -> MapEntry | None:
-    """The time of a table, from its name or as the only column that runs on in even steps; None if there is none.
+    """The time of a table, by its name or as the only column with even increasing steps; None if there is none.
 
     Parameters
     ----------
-    group, guesses, numbers : the table, what its names may mean, and its columns of numbers.
-    texts : columns of dates or of a clock's times, which a column of numbers goes before.
+    group, guesses, numbers : the table, the interpretations of its names, and its numeric columns.
+    texts : columns of dates or clock times; a numeric column takes precedence.
     """
     numbers = {name: values for name, values in numbers.items() if name in group.names}
     numbers = {name: values[::-1] if newest_first(values) else values for name, values in numbers.items()}
@@ -269,11 +269,11 @@ FRACTIONS = {
     "us": "us usec usecs microsec microsecs microseconds micros",
     "ms": "ms msec msecs millisec millisecs milliseconds millis",
 }
-"""Unit -> how columns are called that hold what whole seconds leave."""
+"""Unit -> names of columns with the fraction of a second."""
 
 
 def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
-    """Whole seconds and what they leave, in columns of their own."""
+    """Time in two columns, whole seconds and fraction; None if there are no such columns."""
     words = {name: plain_words(name.removeprefix(group.prefix)) for name in numbers}
     tails = {
         name: {word, " ".join(word.split()[-2:]), word.split()[-1] if word else ""} for name, word in words.items()
@@ -300,7 +300,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
         return MapEntry(TIME, name, stated, reasons=(why, "unit: stated in the file"))
     steps = np.diff(values[np.isfinite(values)])
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else float("nan")
-    if steps.size and np.mean(steps == 0) > 0.5 and np.sum(steps) > 0:  # whole seconds, shared by many rows
+    if steps.size and np.mean(steps == 0) > 0.5 and np.sum(steps) > 0:  # whole seconds, each for many rows
         step = float(np.mean(steps))
     first = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     for unit, size in EPOCHS:
@@ -313,7 +313,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     ]
     whole = bool(np.all(values[np.isfinite(values)] % 1 == 0))
     if not whole and "s" in units:
-        units = ["s"]  # fractions of a millisecond are rarely written down
+        units = ["s"]  # fractions of a millisecond are rarely recorded
     if step == 1 and whole:
         reason = "it counts rows; write the unit of one step, and divide_by if one step is not exactly one such unit"
         return MapEntry(TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, reason))
@@ -331,7 +331,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
 
 
 def _runs_on(values: Array) -> bool:
-    """Whether a column goes up in nearly even steps, but for a few joins."""
+    """Whether a column increases in nearly even steps, except for a few restarts."""
     if len(values) < 10 or not np.isfinite(values).all():
         return False
     steps = np.diff(values)

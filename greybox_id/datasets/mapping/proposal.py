@@ -1,4 +1,4 @@
-"""The verb: what a file's columns may be, and what speaks for it."""
+"""Proposing a column map: possible signals of a file's columns, and the evidence."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
 MOSTLY = 0.8
-"""Share of cells that are numbers from which a column was meant to hold them."""
+"""Share of numeric cells from which a column is meant to be numeric."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
 ALIKE = 2.0
-"""Largest factor between a steering angle and its command in one unit."""
+"""Largest ratio of a steering angle to its command in the same unit."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """A column map to be edited, and what is not sure about it.
+    """A column map to be edited, with its open questions.
 
     Attributes
     ----------
-    file : what it is for.
-    time : the clock; None where no column looks like one.
-    rate : rows a second, Hz, as stated for a file without a clock; 0 where it has one.
-    files : the files, where they are several of one drive.
+    file : the file it is for.
+    time : the clock; None if no column looks like one.
+    rate : rows per second, Hz, as stated for a file without a clock; 0 for a file with one.
+    files : the files, if several of one drive.
     entries : decided and open ones.
-    others : further columns with numbers that were taken for nothing.
+    others : unused columns with numbers.
     run : the column whose change begins a new run; empty if there is none.
-    findings : warnings and worse about the recording, read through what is decided.
+    findings : warnings and worse about the recording as read through the decided entries.
     rig : whether it holds a tyre's slip angle, load and side force, and no vehicle's signals.
     """
 
@@ -69,17 +69,17 @@ class Proposal:
 
     @property
     def open(self) -> tuple[MapEntry, ...]:
-        """Entries that the user is asked about."""
+        """Entries on which the user is asked."""
         return tuple(entry for entry in self.entries if not entry.decided)
 
     @property
     def lacking(self) -> tuple[str, ...]:
-        """Signals that most models read or predict, and that no column looks like."""
+        """Signals that most models use and that no column seems to hold."""
         return tuple(name for name in SOUGHT if name not in {entry.signal for entry in self.entries})
 
     @property
     def left_assumed(self) -> tuple[str, ...]:
-        """Signals whose sign rests on nothing but on each other: no position tells which way is left."""
+        """Signals whose signs were only checked against each other: no position shows which way is left."""
         taken = {entry.signal: entry.sign for entry in self.entries if entry.decided}
         if {"latitude", "longitude"} <= set(taken) or {"x", "y"} <= set(taken):
             return ()
@@ -87,11 +87,11 @@ class Proposal:
 
     @property
     def without_drive(self) -> bool:
-        """Whether no column looks like what drives the vehicle."""
+        """Whether no column looks like a drive signal."""
         return not any(entry.signal in DRIVE_SIGNALS for entry in self.entries)
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
-        """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""
+        """The decided entries as a column map; `everything` adds the first open one of each other signal."""
         time = self.time.as_column() if self.time else Column(TIME, "", "s", "s")
         chosen: dict[str, Column] = {}
         for entry in sorted(self.entries, key=lambda e: not e.decided):
@@ -106,8 +106,8 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     Parameters
     ----------
     path : any file that `read` reads, or several that `data join` joins.
-    wheelbase : in m, if known: steering in degrees or at the hand wheel then tells itself better.
-    rate : rows a second, Hz, of a file without a column of time; 0 looks for that column.
+    wheelbase : in m, if known: it helps to interpret steering in degrees or of the hand wheel.
+    rate : rows per second, Hz, of a file without a time column; 0 looks for that column.
 
     Raises
     ------
@@ -118,10 +118,10 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {})
     result = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
     guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
-    if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command that it is beside
+    if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command to go with it
         guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
     rig = of_a_tyre_rig(result.names)
-    if rig:  # its forces are none of a vehicle's drive
+    if rig:  # its forces are not a vehicle's drive force
         guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
     numbers, labels, texts = _numbers(result, guesses)
     numbers, codes = readings(result, guesses, numbers)
@@ -175,7 +175,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
 def _candidates(
     guesses: Mapping[str, Guess], stated: Mapping[str, str], numbers: Mapping[str, Array], taken: set[str]
 ) -> tuple[list[MapEntry], list[MapEntry]]:
-    """The most telling column for each signal, and the others that a name speaks for."""
+    """The best-named column for each signal, and the others with a possible name."""
     by_signal: dict[str, list[str]] = {}
     for name, guess in guesses.items():
         if guess.signal not in (TIME, RUN) and name in numbers and name not in taken and np.any(numbers[name]):
@@ -198,7 +198,7 @@ def _candidates(
 
 
 def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) -> MapEntry:
-    """The measured steering in the unit of the command that it follows."""
+    """The measured steering, in the unit of the command that it follows."""
     steer = next((item for item in entries if item.signal == "steer" and item.decided), None)
     if entry.signal != MEASURED or entry.decided or steer is None:
         return entry
@@ -213,7 +213,7 @@ def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) 
 
 
 def _of_a_compass(entry: MapEntry) -> MapEntry:
-    """A heading whose sign nothing tells, and whose name is one for angles that count clockwise."""
+    """A heading whose sign is unknown and whose name is that of angles counted clockwise."""
     why = "sign: a compass counts clockwise, which is sign = -1; nothing in the file tells which this is"
     return replace(entry, sign=-1, decided=False, reasons=(*entry.reasons, why))
 
@@ -226,7 +226,7 @@ def _steering(
     wheelbase: float | None,
     stated: bool,
 ) -> MapEntry:
-    """The entry of `steer` as the turning explains it; a question where it is one in any unit that v_x may have."""
+    """The entry of `steer` as `with_steering` decides; a question if it is one for any possible unit of v_x."""
     speeds = [e for e in entries if e.signal == "v_x"]
     others = [e for e in entries if e.signal != "v_x"]
     readings = [[replace(e, unit=unit)] for e in speeds for unit in (e.units or (e.unit,))] or [[]]
@@ -244,7 +244,7 @@ def _fits(unit: str, signal: str) -> bool:
 
 
 def _one_time(result: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
-    """The clock of a file, or the one name that it has in several; their further names beside it."""
+    """The clock of a file, or the common clock of several files, with its alternative names."""
     if not clocks or len(result.groups) == 1 or not isinstance(result.groups[0], Part):
         return clocks[0] if clocks else None
     named: dict[str, str] = {}
@@ -257,13 +257,13 @@ def _one_time(result: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
 
 
 SCALE = 1.3
-"""Factor by which two readings of one signal may scatter differently."""
+"""Largest ratio of the scatter of two readings of one signal."""
 
 
 def _shared(
     decided: list[MapEntry], rivals: list[MapEntry], guesses: Mapping[str, Guess], result: Contents, draft: Proposal
 ) -> tuple[list[MapEntry], list[MapEntry]]:
-    """The entries with what the first file and another both carry under both its names: that compares their clocks."""
+    """The entries, with both names for a signal that the first file and another share: it aligns their clocks."""
     first = result.groups[0]
     parts = {name: group for group in result.groups if isinstance(group, Part) for name in group.names}
     entries, left = [], list(rivals)
@@ -290,12 +290,12 @@ def _shared(
 
 
 def _in_its(entry: MapEntry, unit: str) -> MapEntry:
-    """An entry whose unit was open in one that another file's column speaks for."""
+    """An entry with an undecided unit, decided by another file's column."""
     return replace(entry, unit=unit, units=(), decided=True, reasons=entry.reasons[:-1])
 
 
 def _alike_unit(entry: MapEntry, rival: MapEntry, parts: Mapping[str, Part], mapping: ColumnMap) -> str:
-    """The unit in which a column reads as another one on its own clock does; empty where it does in none."""
+    """The unit in which a column equals another one on a different clock; empty if there is none."""
     times, values = one_signal(parts[entry.column], entry.as_column(), mapping)
     for unit in (rival.unit,) if rival.unit else USUAL.get(SIGNALS[entry.signal].unit, (entry.unit,)):
         column = replace(rival, unit=unit, sign=entry.sign).as_column()
@@ -308,12 +308,12 @@ def _alike_unit(entry: MapEntry, rival: MapEntry, parts: Mapping[str, Part], map
 
 
 def _joined(draft: Proposal, mapping: ColumnMap) -> Recording:
-    """The file, or the files as they are joined: with their clocks compared."""
+    """The file as read, or the files joined with their clocks aligned."""
     return join_files(draft.files, mapping)[0] if draft.files else read(draft.file, mapping)
 
 
 def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
-    """The signals as the file holds them: factor 1, sign 1."""
+    """The signals in the file's units: factor 1, sign 1."""
     columns = {e.signal: e.as_column() for e in chosen}
     plain = {
         signal: replace(
@@ -330,7 +330,7 @@ def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
 
 
 def _asked(entry: MapEntry, guess: Guess, stated: str) -> MapEntry:
-    """What a name or the unit that the file states makes doubtful: wishes instead of measurements, no such unit."""
+    """An entry as a question if its name means a command, or its stated unit does not fit."""
     if guess.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says that it is a command, not a measurement"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
@@ -343,7 +343,7 @@ def _asked(entry: MapEntry, guess: Guess, stated: str) -> MapEntry:
 
 
 def _of_the_rim(stated: str) -> str:
-    """By what a radius is multiplied for a wheel's speed in the unit that the file states; empty for other units."""
+    """Factor on the radius for a wheel speed in a unit of speed, in words; empty for other units."""
     return f"{1 / to_si(stated, 'm/s').factor:.4g} times" if _fits(stated, "v_x") else ""
 
 
@@ -356,7 +356,7 @@ def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...
     ]
     known = {item.sentence for item in result}
     decided = {entry.signal for entry in proposal.entries if entry.decided}
-    if proposal.open:  # columns may be exchanged whatever the units of others are
+    if proposal.open:  # exchanged columns can be recognised whatever the units of the open ones
         for item in check(_joined(proposal, proposal.mapping(everything=True)), wheelbase):
             exchanged = any(source != name for name, (source, *_) in item.repair.items())
             if exchanged and set(item.repair) <= decided and item.sentence not in known:
@@ -365,8 +365,8 @@ def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...
 
 
 def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str], set[str]]:
-    """Columns that hold numbers, those that hold something else, and of these the ones that hold dates or a clock's
-    times; of files with many groups the named ones only.
+    """Numeric columns, other columns, and those of the latter with dates or clock times; of files with many groups only
+    the columns with a known name.
     """
     numbers: dict[str, Array] = {}
     labels, texts = set[str](), set[str]()
@@ -392,7 +392,7 @@ WIDTH = 110
 
 
 def as_toml(proposal: Proposal, name: str) -> str:
-    """TOML text: what is decided stands as it is, what is open is commented out."""
+    """TOML text with decided entries in force and open ones commented out."""
     lines = [
         *_comment(f"A column map for {proposal.file}, proposed from names, units and cross-checks."),
         "# Lines that begin with #? are questions: remove the #? from the right one and complete it.",
@@ -426,7 +426,7 @@ def as_toml(proposal: Proposal, name: str) -> str:
 
 
 def _proposed_repair(proposal: Proposal) -> list[str]:
-    """What the check would change, as lines to be taken in place of those above."""
+    """Changes proposed by the check, as lines to replace those above."""
     if not proposal.findings or not (proposal.time or proposal.rate):
         return []
     mapping = proposal.mapping()

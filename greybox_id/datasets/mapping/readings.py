@@ -1,6 +1,6 @@
-"""What columns of numbers hold before they are taken for signals: the order of rows, codes for no reading, units.
+"""Numeric columns prepared before they are interpreted: order of rows, placeholder numbers, units.
 
-The unit that gravity tells is found once the other evidence is weighed.
+Also units of accelerations decided by gravity, applied after the other evidence.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from .names import TIME, Guess, fits
 
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 FEWEST_CODES = 2
-"""Rows of one number, far from all others, from which a map says that it stands for no reading."""
+"""Fewest rows of one number, far from all others, to count as a placeholder for missing readings."""
 STANDING = 0.15
-"""Relative distance from gravity within which an upright accelerometer's axis reads it."""
+"""Relative distance from gravity within which an accelerometer's vertical axis reads gravity."""
 
 
 def readings(
     result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]
 ) -> tuple[dict[str, Array], dict[str, tuple[float, ...]]]:
-    """Columns of numbers as they are read: oldest row first, NaN for numbers that stand for no reading; and those."""
+    """Numeric columns with the oldest row first and NaN for placeholder numbers; and the placeholders by column."""
     read, codes = dict(numbers), dict[str, tuple[float, ...]]()
     for group in result.groups:
         clocks = [numbers[n] for n, g in guesses.items() if g.signal == TIME and n in group.names and n in numbers]
@@ -46,7 +46,7 @@ def readings(
 
 
 def with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEntry:
-    """An entry with the numbers of its column that stand for no reading."""
+    """An entry with the placeholder numbers of its column."""
     levels = codes.get(entry.column, ())
     if not levels or entry.missing:
         return entry
@@ -55,7 +55,7 @@ def with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEn
 
 
 def in_no_unit(entry: MapEntry) -> MapEntry:
-    """An entry of a column whose name ends in a unit that is none of the signal: what one SI unit is has to be said."""
+    """An entry whose column name ends in a unit that does not fit the signal: the user must state the scale."""
     bracket = _IN_BRACKETS.search(entry.column)
     stated = known_unit(bracket[1]) if bracket else ""
     if not stated or not entry.signal or fits(stated, entry.signal):
@@ -65,7 +65,7 @@ def in_no_unit(entry: MapEntry) -> MapEntry:
 
 
 def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> list[MapEntry]:
-    """Open units of accelerations become those in which the upright axis beside them reads gravity."""
+    """Open units of accelerations, decided by the vertical axis of the same sensor, which reads gravity."""
     result = []
     for entry in entries:
         before, axis, after = entry.column.rpartition(AXES.get(entry.signal, " "))

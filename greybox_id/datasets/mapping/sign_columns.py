@@ -1,4 +1,4 @@
-"""Magnitudes whose sign stands in a column of its own: 0 and 1, + and −, left and right, north and south."""
+"""Magnitudes whose sign is in a separate column: 0 and 1, + and −, left and right, north and south."""
 
 from __future__ import annotations
 
@@ -18,33 +18,32 @@ from .names import NOISE, plain_words
 
 WORDS = {"vz", "vorzeichen", "sign", "sgn", "signum", "dir", "direction", "richtung", "side", "seite", "sense", "neg",
          "hemisphere", "hemi", "ns", "ew"}  # fmt: skip
-"""What such a column's name has beside that of the magnitude."""
+"""Words in the name of a sign column, in addition to those of the magnitude."""
 OPPOSITE = {"+": "-", "n": "S", "e": "W", "o": "W", "l": "R", "left": "right", "links": "rechts"}
-"""What texts call positive, and the negative beside it: to the right, south, west."""
+"""Texts for positive values, and the corresponding negative one: to the right, south, west."""
 NEGATIVE = ("-", "−", "neg", "negative", "negativ", "south", "west", *(word.lower() for word in OPPOSITE.values()))
 NO_SIDE = ("x", "y", "yaw")
-"""What may well be on one side alone."""
+"""Signals that may well have one sign throughout."""
 PLACES = {"latitude": "ns", "longitude": "eow"}
-"""First letters of what a column of the hemisphere holds."""
+"""First letters of texts in a hemisphere column."""
 NUMBERS = {(-1.0, 1.0): -1.0, (-1.0, 0.0): -1.0, (-1.0,): -1.0, (0.0, 1.0): 1.0, (0.0,): 1.0}
-"""Numbers that such a column holds, and which of them is negative."""
+"""Numbers in a sign column -> the negative one."""
 MOST_DEGREES = 180.0
 VANISHES, FLIPS = 0.3, 3
-"""A magnitude, over its median, where its sign flips; how many flips tell that."""
+"""Size of a magnitude, over its median, below which its sign may flip; and the fewest flips to judge that."""
 BOTH_WAYS, LIKE = 0.05, 0.5
-"""Share of rows on either side, and correlation of sizes, by which another channel says that a sign is missing."""
-
+"""Smallest share of rows on each side, and correlation of magnitudes, for another channel to show a missing sign."""
 
 def with_sign_columns(
     entries: Sequence[MapEntry], result: Contents, numbers: Mapping[str, Array], labels: set[str]
 ) -> list[MapEntry]:
-    """The entries that are magnitudes with the column of their sign, where there is one; else as a question.
+    """The entries, with magnitudes given their sign column if there is one, or else made a question.
 
     Parameters
     ----------
-    entries : one for each signal.
+    entries : one per signal.
     result : the file.
-    numbers, labels : its columns of numbers, and the others.
+    numbers, labels : its numeric columns, and the others.
     """
     magnitudes = [entry for entry in entries if _is_magnitude(entry, numbers)]
     taken = {entry.column for entry in entries}
@@ -68,13 +67,13 @@ def _is_magnitude(entry: MapEntry, numbers: Mapping[str, Array]) -> bool:
 
 
 def _two(table: RawTable, name: str) -> list[str]:
-    """The cells of a column of one or two values; empty where there are more."""
+    """The cells of a column with at most two values; empty for more."""
     column = table.column(name)
     return table.labels(name) if len(column) and column.nunique() <= 2 else []
 
 
 def _with_sign(entry: MapEntry, values: Array, two: Mapping[str, list[str]]) -> MapEntry:
-    """A magnitude with its sign's column, of those of two values, if one is likely."""
+    """A magnitude with the most likely sign column of those with two values, if any is likely."""
     known, ranked = _words(entry.column), []
     for name, cells in two.items():
         words = _words(name)
@@ -98,7 +97,7 @@ def _with_sign(entry: MapEntry, values: Array, two: Mapping[str, list[str]]) -> 
 
 
 def _in_minutes(entry: MapEntry, numbers: Mapping[str, Array]) -> MapEntry:
-    """A latitude or longitude whose numbers can be no degrees, but degrees and minutes behind one another."""
+    """A latitude or longitude whose numbers cannot be degrees, as degrees and minutes in one number."""
     values = np.abs(numbers[entry.column])
     values = values[np.isfinite(values)]
     if entry.signal not in PLACES or entry.unit or not values.size or values.max() <= MOST_DEGREES:
@@ -117,7 +116,7 @@ def _words(name: str) -> set[str]:
 
 
 def _negative(cells: Sequence[str]) -> float | str | None:
-    """Which of a column's values is negative; None where nothing tells."""
+    """The negative one of a column's values; None if unknown."""
     texts = {cell.strip() for cell in cells} - {*NOTHING}
     try:
         return NUMBERS.get(tuple(sorted(map(float, texts))))
@@ -128,7 +127,7 @@ def _negative(cells: Sequence[str]) -> float | str | None:
 
 
 def _in_doubt(entry: MapEntry, entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> MapEntry:
-    """A magnitude as a question, where another channel of its size goes to both sides."""
+    """A magnitude as a question, if another channel of similar magnitude has both signs."""
     sizes = numbers[entry.column]
     for other in entries if not entry.sign_column and entry.signal not in PLACES else ():
         values = numbers.get(other.column, sizes)

@@ -1,7 +1,7 @@
-"""Road wheels or the hand wheel: what a steering column holds, from the turning of the vehicle.
+"""Road-wheel or hand-wheel angle: what a steering column holds, judged by the vehicle's yaw rate.
 
 At small lateral acceleration steer = ratio · (L + K v_x²) · yaw_rate / v_x: a regression on yaw_rate / v_x and
-yaw_rate · v_x tells ratio · L apart from understeer. Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., eq. 3.7.
+yaw_rate · v_x separates ratio · L from understeer. Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., eq. 3.7.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from ..recording import Recording
 from .evidence import FAST, RATIOS, MapEntry, sizes_of
 
 LENGTHS = (0.5, 2.0)
-"""Share of the wheelbase that ratio · L may be where road wheels are meant: tyres and scale factors err."""
+"""Range of ratio · L over wheelbase for road-wheel angles: tyre nonlinearity and scale errors are allowed for."""
 CARS = (2.0, 3.8)
-"""Wheelbases of cars, m: what is fast and has no stated wheelbase."""
+"""Wheelbases of cars, m, for fast vehicles whose wheelbase is not stated."""
 LONGEST = 15.0
-"""m: no wheelbase is longer, however tyres err."""
+"""m: longest possible wheelbase, including tyre nonlinearity."""
 GENTLE = 4.0
-"""Lateral acceleration, m/s², up to which a tyre is taken as linear."""
+"""Lateral acceleration, m/s², up to which tyres are taken as linear."""
 LEAST_ROWS = 100
 FACTORS = {"rad": 1.0, "deg": float(np.pi / 180)}
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to understand a steering column.
+    """One interpretation of a steering column.
 
     Attributes
     ----------
     unit : of the column.
-    ratio : of the hand wheel to the road wheels; 1 where road wheels are meant.
+    ratio : hand-wheel over road-wheel angle; 1 for road-wheel angles.
     """
 
     unit: str
@@ -43,20 +43,20 @@ class Reading:
 def with_steering(
     entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase: float | None, stated: bool = False
 ) -> MapEntry:
-    """The entry of `steer` as the turning of the vehicle explains it; a question where that is not its plain reading.
+    """The entry of `steer` decided by the vehicle's yaw rate; a question unless it is plainly the road-wheel angle.
 
     Parameters
     ----------
-    entry : what is proposed, with its unit if one is decided or stated.
-    known : all signals in SI units, steer as the entry has it.
-    hand_wheel : whether the column's name says so.
+    entry : the proposal, with its unit if decided or stated.
+    known : all signals in SI units, steer as in the entry.
+    hand_wheel : whether the column's name means the hand wheel.
     wheelbase : m, if known.
     stated : whether the file states the entry's unit.
     """
     length = turning_length(known)
     if length is None:
         return _unknown(entry) if hand_wheel else _either(entry) if entry.unit == "deg" else entry
-    in_radians = length / entry.factor  # with the column's numbers taken as radians
+    in_radians = length / entry.factor  # if the column were in radians
     units = {entry.unit: entry.factor} if stated and entry.unit in FACTORS else FACTORS
     fast = sizes_of(known).get("v_x", 0.0) > FAST
     shortest, longest = (wheelbase, wheelbase) if wheelbase else CARS
@@ -79,9 +79,9 @@ def with_steering(
 
 
 def turning_length(known: Recording) -> float | None:
-    """Ratio times wheelbase, m, from steering in rad, speed and what turns; None where they tell none.
+    """Steering ratio times wheelbase, m, from steering in rad, speed and yaw rate; None if they do not determine it.
 
-    What turns is the yaw rate, else v_x · curvature, else a_y / v_x, which it is in a steady turn.
+    If no yaw rate is recorded, v_x · curvature replaces it, else a_y / v_x, which equals it in a steady turn.
     """
     if not known.has("v_x", "steer"):
         return None
@@ -106,7 +106,7 @@ def turning_length(known: Recording) -> float | None:
 
 
 def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEntry:
-    """The entry as a question with its most plausible answer."""
+    """The entry as a question, with its most plausible answer."""
     best = readings[0]
     if best.ratio == 1.0:
         why = f"this explains the turns if its unit is {best.unit}"
@@ -125,7 +125,7 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
 
 
 def _no_angle(entry: MapEntry, length: float) -> MapEntry:
-    """What turns the vehicle, though as the angle of neither wheel: a command in units of its own."""
+    """A column that steers the vehicle but is an angle of neither wheel: a command in other units."""
     why = (
         f"in {entry.unit or 'rad'}, steering ratio times wheelbase is {number(length, 2)} m, which fits neither road "
         f"wheels nor a hand wheel. If it is a share of full lock, or counts, set divide_by: how many make one unit"
@@ -134,20 +134,20 @@ def _no_angle(entry: MapEntry, length: float) -> MapEntry:
 
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
-    """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
+    """A hand-wheel angle of unknown ratio, or one estimated with a car's usual wheelbase as a starting value."""
     why, ratio = "this is the hand wheel's angle, so set divide_by to the steering ratio", entry.divide_by
     if length:
         why += f"; judging by yaw rate and speed, this ratio times the wheelbase is about {number(length, 3)} m"
     if length and length > LONGEST:
         ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
         why += f", a ratio of {ratio:g} for a car of usual length"
-    # a wheelbase that was computed as of the road wheels' angle would contradict what is said here
+    # a wheelbase computed for road-wheel angles would contradict this reason
     reasons = [item for item in entry.reasons if "gives a wheelbase" not in item]
     return replace(entry, divide_by=ratio, decided=False, reasons=(*reasons, why))
 
 
 def _either(entry: MapEntry) -> MapEntry:
-    """Degrees, in which either wheel's angle is recorded, where nothing tells which."""
+    """Degrees of either wheel, if nothing decides which."""
     why = (
         "nothing in the file shows whether this is the angle of the road wheels or of the hand wheel; if it is the "
         "hand "

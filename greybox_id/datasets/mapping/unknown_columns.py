@@ -1,4 +1,4 @@
-"""Columns whose names do not tell, or tell of several: what their values are compatible with."""
+"""Columns with meaningless or ambiguous names: signals that their values are compatible with."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from .names import Guess
 
 LEANS = ("roll", "pitch")
 FARTHEST = 1.0
-"""rad: a vehicle that rolls or pitches so far has turned over."""
+"""rad: roll or pitch angle at which a vehicle has turned over."""
 AGREES = 0.7
-"""Correlation of its rate with the yaw rate from which an angle is the heading."""
+"""Correlation of an angle's rate with the yaw rate from which the angle is the heading."""
 UNITS = {"rad": 1.0, "deg": float(np.pi / 180)}
 
 
 def headings(
     chosen: Sequence[MapEntry], guesses: Mapping[str, Guess], raw: Recording
 ) -> tuple[list[MapEntry], Recording]:
-    """The entries with ambiguous angles taken as yaw where their rate agrees with the yaw rate, and the raw signals.
+    """The entries with ambiguous angles taken as yaw if their rate follows the yaw rate, and the raw signals.
 
     Parameters
     ----------
-    chosen : one entry for each signal.
+    chosen : one entry per signal.
     guesses : by column.
-    raw : signals as the file holds them.
+    raw : signals in the file's units.
     """
     taken = {entry.signal for entry in chosen}
     result = []
@@ -48,11 +48,11 @@ def headings(
 
 
 def ambiguous(entry: MapEntry, guess: Guess, raw: Recording) -> MapEntry:
-    """An entry whose name means two things, as a question that says what else it may be."""
+    """An entry with an ambiguous name as a question that states the other meaning."""
     if not guess.else_:
         return entry
     if entry.signal == "yaw":
-        return replace(entry, decided=False)  # by its rate, and against what its name is often used for
+        return replace(entry, decided=False)  # taken as yaw by its rate, although its name often means something else
     if entry.signal in LEANS:
         size = sizes_of(raw)[entry.signal] * (entry.factor if entry.units == () else 1.0)
         if "yaw" in raw and size < FARTHEST:
@@ -66,7 +66,7 @@ def ambiguous(entry: MapEntry, guess: Guess, raw: Recording) -> MapEntry:
 
 
 def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
-    """The unit in which an angle's rate agrees with the yaw rate or the course, and how well."""
+    """The unit in which an angle's rate follows the yaw rate or the course, with the reason in words."""
     best: tuple[float, str, str] | None = None
     for unit, factor in UNITS.items() if not entry.unit else ((entry.unit, entry.factor),):
         for item in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
@@ -78,26 +78,26 @@ def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
 
 
 SOUGHT = ("v_x", "yaw_rate", "steer", "a_x", "a_y")
-"""Signals that other signals tell, and that most models read or predict."""
+"""Signals that other signals determine, and that most models use as inputs or outputs."""
 ALIKE = 0.85
-"""Correlation from which a column may be what it is compared with."""
+"""Correlation from which a column may be the signal it is compared with."""
 
 
 def strangers(
     known: Recording, unknown: Sequence[MapEntry], numbers: Mapping[str, Array], settled: set[str]
 ) -> list[MapEntry]:
-    """The unknown columns, each as the signal that it agrees best with; those that agree with nothing only if named.
+    """The unknown columns, each as the signal it agrees best with; without agreement, only columns with a known name.
 
     Parameters
     ----------
-    known : the signals that are known, in SI units.
-    unknown : columns with a doubtful name, or (signal "") without a telling one.
+    known : the known signals, in SI units.
+    unknown : columns with a doubtful name, or (signal "") a meaningless one.
     numbers : (n,) values of each.
-    settled : signals that are decided: no column without a telling name is compared with them.
+    settled : decided signals: columns with a meaningless name are not compared with them.
     """
     speed = sizes_of(known).get("v_x", 0.0)
     result: dict[str, MapEntry] = {}
-    for _ in range(2):  # a speed that the first round proposes tells the second what the steering is
+    for _ in range(2):  # a speed proposed in the first round helps to recognise the steering in the second
         for entry in unknown:
             values = numbers[entry.column]
             if entry.column in result or len(values) != len(known):
@@ -117,7 +117,7 @@ def strangers(
 
 
 def _counts(entry: MapEntry, known: Recording, values: Array) -> MapEntry | None:
-    """A column as the counts of a steering servo about their centre, where these turn the vehicle."""
+    """A column as servo counts about their centre, if these follow the vehicle's yaw rate."""
     finite = values[np.isfinite(values)]
     if not finite.size:
         return None
@@ -159,7 +159,7 @@ def _described(entry: MapEntry, signal: str, best: Met, speed: float) -> MapEntr
 
 
 def _in_unit(best: Met, signal: str, unit: str) -> Met:
-    """The agreement as it would be with the column in a unit."""
+    """The agreement if the column had this unit."""
     factor = to_si(unit, SIGNALS[signal].unit).factor
     gain = best.agreed.gain * (factor if best.pair.nodes[0] == signal else 1 / factor)
     return replace(best, agreed=replace(best.agreed, gain=gain))
