@@ -1,4 +1,4 @@
-"""What we know of vehicles: models and the effects they may lack. Models hold no data and no solver."""
+"""Vehicle models and the effects that they may lack. Models hold no data and no solver."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 ISO 8855 axes; outputs are those of the sample after the window.
 
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural networks",
-Figs. 5 and 6. The numbers of neurons, centres and weights stand in the authors' code alone.
+Figs. 5 and 6. The numbers of neurons, centres and weights are only in the authors' code.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .parameter import Parameter, Prior
 
 TYPICAL_RANGE = {"v_x": 1.0, "motor_current": 3.0, "steer": 0.2}
-"""Standard deviations of a 1:10 car's inputs, SI units, where no recording tells better."""
+"""Standard deviations of a 1:10 car's inputs, SI units, used without a recording that determines them."""
 DAMPED = -0.5
 """Least A v_max^2 of MS-NN-bench. The authors' A of -0.070 s^2/m^2 puts the pole of 1/(1 + A v^2) at 3.8 m/s, next to
-the fastest that was driven; at this bound the gain at top speed is twice that at standstill."""
+the highest speed driven; at this bound the gain at top speed is twice that at standstill."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class GeneralSettings:
     Attributes
     ----------
     neurons : in the hidden layer.
-    gamma : past samples in a window besides the newest.
-    v_x, motor_current, steer : scales of the inputs, m/s, A and rad, in which weights start; None takes the standard
+    gamma : past samples in a window in addition to the newest.
+    v_x, motor_current, steer : scales of the inputs for the initial weights, m/s, A and rad; None takes the standard
         deviations of the training recording.
-    seed : of the weights that training starts from.
+    seed : of the initial weights.
     sample_time : s.
     """
 
@@ -59,7 +59,7 @@ class GeneralSettings:
 
 
 def covering_gnn(settings: GeneralSettings, recording: Recording) -> GeneralSettings:
-    """Scales left open are set from a training recording."""
+    """The settings with open scales set from a training recording."""
     recording.require((*TYPICAL_RANGE, "a_x", "yaw_rate"), "G-NN")
     scales: dict[str, Any] = {
         name: max(float(np.nanstd(recording[name])), 1e-6)
@@ -70,7 +70,7 @@ def covering_gnn(settings: GeneralSettings, recording: Recording) -> GeneralSett
 
 
 def gnn(settings: GeneralSettings | None = None) -> MemoryModel:
-    """G-NN, a network without structure: one hidden layer over the windows of all inputs; 528 weights."""
+    """G-NN, a network without model structure: one hidden layer over the windows of all inputs; 528 weights."""
     s = settings or GeneralSettings()
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
@@ -96,7 +96,7 @@ def gnn(settings: GeneralSettings | None = None) -> MemoryModel:
 
 
 def _general(s: GeneralSettings) -> tuple[Parameter, ...]:
-    """Weights drawn about zero, so that neurons differ, with more of them on the newest samples."""
+    """Random initial weights about zero, so that neurons differ, larger for the newest samples."""
     random = np.random.default_rng(s.seed)
     length, hidden = s.gamma + 1, "hidden_layer"
     layers = []
@@ -128,7 +128,7 @@ class LateralBenchSettings:
     Attributes
     ----------
     n_v : local models over speed.
-    q : past samples in a window besides the newest.
+    q : past samples in a window in addition to the newest.
     v_x : their centres, m/s; None spaces them evenly over the training recording.
     curvature_gain : prior mean of d(curvature)/d(steer), 1/(m rad); None takes the training recording's average.
     sample_time : s.
@@ -145,14 +145,14 @@ class LateralBenchSettings:
 
 
 def covering_bench_lat(settings: LateralBenchSettings, recording: Recording) -> LateralBenchSettings:
-    """Centres and gain left open are set from a training recording."""
+    """The settings with open centres and gain set from a training recording."""
     recording.require(("v_x", "steer", "yaw_rate"), "MS-NN-bench")
     gain = average_gain(recording) if settings.curvature_gain is None else settings.curvature_gain
     return replace(settings, v_x=settings.v_x or over(recording["v_x"], settings.n_v), curvature_gain=gain)
 
 
 def msnn_bench_lat(settings: LateralBenchSettings | None = None) -> MemoryModel:
-    """MS-NN-bench, lateral: a steady-state gain over speed on local impulse responses of the steering; 41 weights."""
+    """MS-NN-bench, lateral: a steady-state gain over speed times local impulse responses of steering; 41 weights."""
     s = settings or LateralBenchSettings()
     v_x_0 = centres("v_x", s.v_x, s.n_v, 0.0, 4.0)
     fastest = max(abs(v_x_0[0]), abs(v_x_0[-1]), 0.1)
@@ -188,7 +188,7 @@ class LongitudinalBenchSettings:
 
     Attributes
     ----------
-    gamma : past samples in a window besides the newest, of the motor current's two branches.
+    gamma : past samples in a window in addition to the newest, for both branches of the motor current.
     slope : the paper's G_6, a weight on the sine of the road's slope, which the authors' code lacks.
     sample_time : s.
     """

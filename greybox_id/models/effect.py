@@ -1,7 +1,7 @@
-"""An effect: something a model may lack, as a named transform from model to model.
+"""An effect: a phenomenon that a model may lack, as a named transform from model to model.
 
-At its null value an effect leaves the model's predictions unchanged. `model + effect` is a model, and so
-are its parts; the effect's parameters are appended to the model's.
+At its null value an effect leaves the model's predictions unchanged. `model + effect` is a model, whose parts are
+transformed as well; the effect's parameters are appended to the model's.
 """
 
 from __future__ import annotations
@@ -28,25 +28,25 @@ class Effect:
 
     Attributes
     ----------
-    name : the word it is called by.
+    name : of the effect.
     parameter : its magnitude, at its null value.
-    touches : what it acts on, signals, parameters or quantities; a model (or part) that has none of them is left
-        as it is.
-    needs : what it reads besides, all of which a model must have for the effect to make sense there.
+    touches : signals, parameters or quantities that it changes; a model (or part) with none of them is left as it is.
+    needs : names that it reads in addition; a model must have all of them.
     apply : equations of motion that already have the parameters -> the same with the effect.
-    apply_to_memory : the same for maps with memory; None where the effect is not known for them.
-    memory_parameter : its magnitude in maps with memory, where that is known or stated differently there.
-    others : parameters it needs besides its magnitude, usually held.
-    typical : a magnitude at which it is plainly there, where fits start from and which sets their scale.
-    gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
-    instead_of : effects of which it is another form: where one is there, the other is not.
+    apply_to_memory : the same for models with memory; None if it is not defined for them.
+    memory_parameter : its magnitude in models with memory, if it differs there.
+    others : parameters in addition to its magnitude, usually held.
+    typical : a magnitude at which it is clearly present, from which fits start and which sets their scale.
+    gradual : whether the derivative of predictions by the magnitude is non-zero at the null value; it is zero for a
+        lag, play, limit or square.
+    instead_of : effects of which it is an alternative form: a model has one of them or the other.
     group : steering, drive, tyres, body, road, sensors or timing.
-    driven_by : what of `needs` a model must have as an input, where actuators read it.
-    rounds : the input of a model of motion that it rounds to whole multiples of its magnitude; empty for none. Such a
-        magnitude has an optimum for every number of steps, so fits try many sizes.
-    reads_only : whether it changes only what sensors read, or when: the motion stays as it is, unless it takes what is
-        touched as an input.
-    by_name : whether a diagnosis tries it only where it is named: on most recordings it looks like another effect.
+    driven_by : those of `needs` that must be inputs of the model, because actuators read them.
+    rounds : the input of a motion model that it rounds to integer multiples of its magnitude; empty for none. Such a
+        magnitude has a local optimum for every number of steps, so fits try many sizes.
+    reads_only : whether it changes only what sensors read, or when: the motion is unchanged, unless the signal is also
+        an input.
+    by_name : whether a diagnosis tries it only if it is named: on most recordings another effect mimics it.
 
     Examples
     --------
@@ -89,7 +89,7 @@ class Effect:
         return f"Effect {self.name}: {value.about}{unit}{null}{at}{' (fixed)' if value.fixed else ''}"
 
     def __call__(self, model: AnyModel) -> AnyModel:
-        """Put the effect on a model and on those of its parts that it concerns."""
+        """Add the effect to a model and to those of its parts that it concerns."""
         if not self.concerns(model):
             raise BadModel(
                 f"Effect {self.name} acts on {' and '.join(self.touches)}{self._needing()}, "
@@ -100,7 +100,7 @@ class Effect:
         return self._on(replace(model, parts=tuple(self._on(part) for part in model.parts)))
 
     def at(self, value: float) -> Effect:
-        """The same effect at another magnitude, held there when fitting."""
+        """The same effect at another magnitude, held when fitting."""
         return self._with(lambda parameter: replace(parameter.with_value(value), fixed=True))
 
     @understood
@@ -109,8 +109,8 @@ class Effect:
 
         Parameters
         ----------
-        start : magnitude that estimation starts from, in the unit of `parameter`; `typical` unless given, since at
-            their null many effects have no derivative to follow.
+        start : initial magnitude of the estimation, in the unit of `parameter`; `typical` by default, since the
+            derivatives of many effects vanish at their null value.
 
         Raises
         ------
@@ -126,11 +126,11 @@ class Effect:
         return self._with(lambda parameter: replace(parameter.with_value(value), fixed=False))
 
     def starting_at(self, value: float) -> Effect:
-        """The same effect with another magnitude to start a fit from."""
+        """The same effect with another initial magnitude."""
         return self._with(lambda parameter: parameter.with_value(value))
 
     def concerns(self, model: Model) -> bool:
-        """Whether the model has anything for the effect to act on."""
+        """Whether the effect changes anything in the model."""
         return acting(model, self) is not None
 
     def _needing(self) -> str:
@@ -154,12 +154,12 @@ class Effect:
 
 
 Acting = tuple[Parameter, Callable[[Any], Model]]
-"""An effect's magnitude, and what it does to a model that has it."""
+"""An effect's magnitude, and the transform of a model that has this parameter."""
 
 
 @by_kind
 def acting(model: Model, effect: Effect) -> Acting | None:
-    """How an effect acts on a kind of model; None where there is nothing for it to act on."""
+    """Magnitude and transform of an effect for a kind of model; None if it changes nothing there."""
     return None
 
 

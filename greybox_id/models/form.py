@@ -1,26 +1,25 @@
-"""What the form of a single track's equations leaves open, as numbers that a fit estimates along with a vehicle's.
+"""Model error of the single-track equations' form, as parameters that a fit estimates along with a vehicle's.
 
 Curves. A tyre's curve is known up to the error of its formula,
 
-    F_y + F_z sgn(alpha) sum_k curve_k (w_k(phi) - what of w_k another slope or peak would make)
+    F_y + F_z sgn(alpha) sum_k curve_k (w_k(phi) - projection of w_k on changes of slope and peak)
     phi = (2 / pi) atan(|alpha| / curve_slip)
 
-w_k raised cosines at phi = k / 8, from 0.2 to 5 of the slip at which the slope alone would give the peak. That is
-held as it is stated: in units of an estimated peak, one out of reach would excuse any form. A brush, a magic formula
-and Dugoff's tyre of one slope and peak lie apart by some 3 % of the peak: a fit that takes one of them for exact is
-sure of numbers that others do not have. What slope and peak are of a tyre that has another form is then a matter of
-definition: those of the formula that comes nearest to its curve, where every share of the friction counts alike. So
-errors are orthogonal to what slope and peak do: what these stand for is told by drives that use all of the friction,
-whatever the form, and by no others.
+w_k are raised cosines at phi = k / 8, from 0.2 to 5 of curve_slip, the slip at which the slope alone would give the
+peak. curve_slip is held as stated: in units of an estimated peak, a peak out of reach would excuse any form. A brush, a
+magic formula and Dugoff's tyre of the same slope and peak differ by some 3 % of the peak: a fit that takes one of them
+as exact is overconfident. Slope and peak of a tyre of another form are then a matter of definition: those of the
+formula closest to its curve, with equal weight on every share of the friction. So the errors are orthogonal to changes
+of slope and peak, which only drives that use all of the friction identify, whatever the form.
 
-Four wheels. The outer ones bear more by 2 s m a_y h_cg / track, s the share of their axle; they run faster, by
-yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 track / (2 L) less. An axle slips and
-points as its two wheels do, weighed by loads: a hundredth of a radian by which a force points elsewhere shows in the
-speed after seconds. The outer front wheel, steered, drags on its side and turns the car back. A car has its wheels
-where they stand: `steered_wheels`, over the tracks, is about one, uncertain as shares of a transfer are; `ackermann`
-lies between parallel and Ackermann's geometry. Wheels resist being turned (`turning_wheels`, mass over the vehicle's),
-half a track beside the middle: yaw meets 1 to 3 % more than the body's inertia. Along the vehicle they do as well, but
-forces stated from acceleration runs are what is left of them.
+Four wheels. The outer wheels carry 2 s m a_y h_cg / track more, s the axle's share; they run faster, by
+yaw_rate track / 2, and Ackermann's geometry steers the front one by delta^2 track / (2 L) less. Slip and direction of
+an axle are the means of its two wheels weighted by loads: a hundredth of a radian in a force's direction shows in the
+speed after seconds. The steered outer front wheel drags on its side and turns the car back. `steered_wheels`, a factor
+on the tracks, is about one, uncertain like the shares of load transfer; `ackermann` lies between parallel and
+Ackermann's geometry. Wheels have inertia against acceleration (`turning_wheels`, mass over the vehicle's) at half a
+track from the middle: yaw meets 1 to 3 % more than the body's inertia. The same holds along the vehicle, but forces
+stated from acceleration runs already include it.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63, 2001 (model discrepancy);
 Plumlee, Bayesian calibration of inexact computer models, J. Am. Statist. Assoc. 112, 2017 (orthogonal to parameters);
@@ -48,28 +47,28 @@ from .smooth import forward_speed
 from .tyres import AXLES
 
 CURVE_SD = 0.03
-"""Standard deviation of a curve's error over the load, friction being near one: what formulas of `TYRES` differ by."""
+"""Standard deviation of a curve's error over the load, for friction near one: the spread of the formulas in `TYRES`."""
 KNOTS = 7
-"""With five, a brush tyre's curve is further from what the numbers can make than noise: fits of curves up to 70, 80 and
-90 % of the friction put B 2.1, 1.4 and 1.6 standard deviations beside, with seven 1.7, 1.0 and 0.2, with nine 1.4, 0.8
-and 0.6 (root mean square; curves of vehicles of seeds 7600 to 7629, of development, to 0.2 % of the load)."""
+"""Number of w_k. With five, the error of representing a brush tyre's curve exceeds the noise: fits of curves up to 70,
+80 and 90 % of the friction bias B by 2.1, 1.4 and 1.6 standard deviations, with seven by 1.7, 1.0 and 0.2, with nine by
+1.4, 0.8 and 0.6 (root mean square; curves of vehicles of seeds 7600 to 7629, of development, to 0.2 % of the load)."""
 SHAPE = 1.4
-"""C of the magic formula to whose directions errors are orthogonal: that of a usual car's tyre."""
+"""C of the magic formula whose directions the errors are orthogonal to: that of a usual car's tyre."""
 SHARES = 200
-"""Of the friction, evenly from none to all."""
+"""Number of shares of the friction, evenly spaced from none to all, in the projection."""
 HALFWAY = 0.5
 """Prior mean of the steering geometry: between parallel and Ackermann's."""
 WHEELS, WHEELS_SD = 0.04, 0.02
-"""Mass by which turning wheels resist acceleration, over the vehicle's: usual of a car whose engine is not coupled."""
+"""Prior of the wheels' equivalent mass over the vehicle's: usual for a car whose engine is not coupled."""
 _NUMBERS = range(1, KNOTS + 1)
 
 
 def with_form_error(model: MotionModel) -> MotionModel:
-    """The model with the error of its form, each number of it with a prior about none.
+    """The model with the error of its form, whose parameters have priors centred on no error.
 
     Parameters
     ----------
-    model : `single_track` or `lateral`, on a tyre whose force has a peak.
+    model : `single_track` or `lateral`, with a tyre whose force has a peak.
     """
 
     def erring(suffix: str, force: Symbol, q: Quantities) -> Symbol:
@@ -82,7 +81,7 @@ def with_form_error(model: MotionModel) -> MotionModel:
         return force + grip * getattr(q, f"F_z{suffix}") * cs.sign(alpha) * error
 
     def transfer(suffix: str, across: Symbol, q: Quantities) -> Symbol:
-        """What the right wheel bears more than the left one, over the axle's load."""
+        """Load of the right wheel less that of the left one, over the axle's load."""
         share, other = (FRONT_SHARE, q.p.l_r) if suffix == "f" else (1 - FRONT_SHARE, q.p.l_f)
         moment = share * across * q.p.h_cg * (q.p.l_f + q.p.l_r) / (G * other)
         return cs.fmin(cs.fmax(2 * moment / getattr(q.p, f"track_{suffix}"), -1), 1)
@@ -144,20 +143,20 @@ def with_form_error(model: MotionModel) -> MotionModel:
 
 
 def _bumps(slip: Symbol) -> list[Symbol]:
-    """Raised cosines over slip, each zero where its neighbours are one."""
+    """Raised cosines over slip, each zero at the maxima of its neighbours."""
     phi = 2 / pi * cs.atan(slip) * (KNOTS + 1)
     return [0.5 + 0.5 * cs.cos(pi * cs.fmin(cs.fabs(phi - k), 1)) for k in _NUMBERS]
 
 
 def _directions(slip: Symbol) -> list[Symbol]:
-    """What a relative change of the peak alone and of the slope make of a magic formula of shape `SHAPE`."""
+    """Changes of a magic formula of shape `SHAPE` by a relative change of the peak alone, and of the slope."""
     angle = SHAPE * cs.atan(slip / SHAPE)
     return [cs.sin(angle), slip * cs.cos(angle) / (1 + (slip / SHAPE) ** 2)]
 
 
 @cache
 def _stood_for() -> Array:
-    """(KNOTS, 2) how much of each direction is in each bump, where every share of the friction counts alike."""
+    """(KNOTS, 2) projection of each bump on the directions, with equal weight on every share of the friction."""
     shares = (np.arange(SHARES) + 0.5) / SHARES
     slips = SHAPE * np.tan(np.arcsin(shares) / SHAPE)
     bumps, ways = (np.array(cs.horzcat(*item(cs.DM(slips)))) for item in (_bumps, _directions))

@@ -1,18 +1,18 @@
-"""Hybrid models of the lateral dynamics: a linear single track whose tyres are a recurrent network.
+"""Hybrid models of the lateral dynamics: a linear single track with a recurrent network for its tyres.
 
-`hybrid_stiffness`: the network says the cornering stiffnesses, F_y = C_alpha alpha; trained on a_y, yaw rate and
-sideslip. At zero slip a stiffness is not observable. `hybrid_force`: the network says the lateral forces themselves,
-and is trained on a_y, yaw rate, v_y and yaw acceleration; that has no such gap.
+`hybrid_stiffness`: the network computes the cornering stiffnesses, F_y = C_alpha alpha; trained on a_y, yaw rate and
+sideslip. At zero slip a stiffness is not observable. `hybrid_force`: the network computes the lateral forces, and is
+trained on a_y, yaw rate, v_y and yaw acceleration; these are observable at any slip.
 
-ISO 8855 axes. States v_y [m/s], yaw_rate [rad/s]; inputs v_x [m/s], steer [rad] at the road wheels. Slip angles have
-the sign that makes positive forces of positive ones: the negative of the paper's.
+ISO 8855 axes. States v_y [m/s], yaw_rate [rad/s]; inputs v_x [m/s], steer [rad] at the road wheels. Positive slip
+angles give positive forces: slip angles are the negative of the paper's.
 
-Source: "Tire cornering stiffness estimation using hybrid modeling", Eq. 2-12, 18. What differs: arc tangents and
-cos(steer) are kept, for they cost nothing; the network reads slip angles, centripetal acceleration and speed, which say
-the same as state and input, in numbers of order one at any speed.
+Source: "Tire cornering stiffness estimation using hybrid modeling", Eq. 2-12, 18. Differences: arc tangents and
+cos(steer) are kept, since they cost nothing; the network's inputs are slip angles, centripetal acceleration and speed,
+equivalent to state and input but of order one at any speed.
 
-Beyond the paper: what the steering angle and a_y are read with (offsets), forces along the wheels, and what other tyres
-differ by, two factors an axle in the similarity method (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.2):
+Additions to the paper: offsets of the steering angle and of a_y, longitudinal tyre forces, and two factors per axle for
+other tyres by the similarity method (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.2):
 
     F_y(alpha) = grip_scale F_y,trained(stiffness_scale / grip_scale alpha)
 """
@@ -37,9 +37,9 @@ from .smooth import remaining
 from .tyres import TYRES, TyreSettings, axle
 
 SLOPE = 12.0
-"""Cornering stiffness over load, 1/rad, at which the network starts; radial tyres lie between 8 and 20."""
+"""Initial cornering stiffness over load, 1/rad; radial tyres lie between 8 and 20."""
 EXCITED = 0.01
-"""Slip angle, rad, below which a force over it tells no stiffness."""
+"""Slip angle, rad, below which the ratio of force to slip does not identify a stiffness."""
 OFFSETS = (
     Parameter("steering_offset", "rad", 0.0, (-0.2, 0.2), fixed=True, about="added to the road-wheel angle"),
     Parameter("accel_bias_y", "m/s^2", 0.0, (-3.0, 3.0), fixed=True, about="added to the lateral acceleration"),
@@ -65,9 +65,9 @@ cos(2 atan(1 / p_Ky2)) with p_Ky2 = 2.13, and 1 + p_Dy2 / p_Dy1 with -0.990 and 
 coefficients are public (CommonRoad's; 195/65 R 15, 225/60 R 16 and 195/50 R 15 at pierre.lemerle.free.fr) the first is
 0.60, 0.67, 0.77 and 0.34."""
 _SLIP = 0.1
-"""Slip angles are read in this unit, rad."""
+"""Scale of slip angles as inputs of the network, rad."""
 _LONGEST_STEP = 0.0125
-"""s; see `engine.hybrid.cell`."""
+"""Longest integration step, s; see `engine.hybrid.cell`."""
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,14 @@ class HybridSettings:
     ----------
     hidden : units of the hidden layers.
     window, warm_up : rows predicted from one start in training, and how many of them are not compared.
-    speed, speed_spread : about which, and in which unit, the network reads the speed, m/s; None takes mean and standard
-        deviation of the training recording.
-    symmetric : the vehicle is the same in a mirror: stiffnesses depend on the sizes of what turns it, not on the side;
-        forces are trained on every manoeuvre mirrored too, at twice the work.
-    tyre : curve that the network starts at, "pacejka" for example, with a vehicle's numbers; None for a straight line.
-    longitudinal : axles' forces grow with the loads that a_x shifts, and brakes and drive take their share of the
-        friction; a_x is an input then.
-    least_speed : below which a slip angle means nothing, m/s.
+    speed, speed_spread : centre and scale of the network's speed input, m/s; None takes mean and standard deviation of
+        the training recording.
+    symmetric : whether the vehicle is mirror-symmetric: stiffnesses then depend on magnitudes of the lateral signals;
+        forces are trained on every manoeuvre mirrored too, at twice the cost.
+    tyre : initial tyre curve, "pacejka" for example, with a vehicle's parameters; None for a straight line.
+    longitudinal : whether the axles' lateral forces depend on load transfer by a_x, and on the friction used by brakes
+        and drive; a_x is an input then.
+    least_speed : speed below which slip angles are meaningless, m/s.
     sample_time : s; None takes the training recording's.
     """
 
@@ -108,7 +108,7 @@ class HybridSettings:
 
 
 def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
-    """Raise `BadInput` where windows or layers of a network have sizes that make no sense."""
+    """Raise `BadInput` if sizes of a network's windows or layers are not valid."""
     if warm_up >= window:
         raise BadInput(f"Setting warm_up must be smaller than window, {window}; {warm_up} rows were given.")
     if any(units != int(units) or not 1 <= units <= 500 for units in hidden):
@@ -116,7 +116,7 @@ def sized(window: int, warm_up: int, hidden: Sequence[float]) -> None:
 
 
 def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSettings:
-    """Speed and sample time left open are set from a training recording."""
+    """The settings with open speed and sample time set from a training recording."""
     along = ("a_x",) if settings.longitudinal else ()
     recording.require(("v_x", "steer", *along, "a_y", "yaw_rate"), "a hybrid model")
     v_x = recording["v_x"]
@@ -136,7 +136,7 @@ def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSet
 
 
 def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
-    """The network says the axles' cornering stiffnesses (Eq. 6-8)."""
+    """Hybrid model whose network computes the axles' cornering stiffnesses (Eq. 6-8)."""
     return _hybrid(
         "hybrid_stiffness",
         "linear single track whose cornering stiffnesses are predicted by a recurrent network",
@@ -148,10 +148,10 @@ def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
 
 
 def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
-    """The network says the axles' lateral forces (Eq. 9-12).
+    """Hybrid model whose network computes the axles' lateral forces (Eq. 9-12).
 
-    What it says adds to a plain tyre, without which the vehicle would not turn, nor training begin; features also go
-    straight to its output, so that this tyre's slope need not be right.
+    Its outputs are added to a plain tyre's force, without which the vehicle would not turn and training could not
+    start; features also enter the output directly, so that this tyre's slope need not be right.
     """
     return _hybrid(
         "hybrid_force",
@@ -254,13 +254,13 @@ def _hybrid(
 
 
 def _loads(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol]:
-    """Loads of front and rear axle over those at rest."""
+    """Loads of front and rear axle relative to those at rest."""
     moved = p.h_cg * a_x / G
     return 1.0 - moved / p.l_r, 1.0 + moved / p.l_f
 
 
 def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
-    """Loads at rest [N] by what friction grows with them, less what forces along leave of it, and the front's force."""
+    """Effective load [N] of each axle, by which friction scales, reduced by longitudinal forces; and F_xf [N]."""
     weight = p.m * G / (p.l_f + p.l_r)
     front, rear = (each**p.grip_load_exponent for each in _loads(a_x, p))
     F_zf, F_zr = weight * p.l_r * front, weight * p.l_f * rear
@@ -272,12 +272,12 @@ def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
 
 
 def _positive(z: Symbol) -> Symbol:
-    """One at zero, nearly z where that is large, and never negative; it overflows nowhere."""
+    """Positive function: one at zero, nearly z for large z; it does not overflow."""
     return (z + cs.sqrt(z * z + 4.0)) / 2.0
 
 
 def weights(network: RecurrentNetwork | FeedForwardNetwork) -> tuple[Parameter, ...]:
-    """Of a network, all zero: it adds nothing."""
+    """Weights of a network as parameters, initially zero, so that its outputs are zero."""
     return tuple(
         Parameter(name, "1", np.zeros(shape), about=_ABOUT[name.split("_")[0]] + f" {name.split('_')[1]}")
         for name, shape in network.shapes.items()
@@ -288,7 +288,7 @@ _ABOUT = {"W": "weights of layer", "R": "weights of the memory, layer", "b": "bi
 
 
 def v_y_of(recording: Recording) -> Array | None:
-    """Lateral velocity, read or from the sideslip angle; None where there is neither."""
+    """Lateral velocity, recorded or from the sideslip angle; None if neither is recorded."""
     if "v_y" in recording:
         return recording["v_y"]
     if "sideslip" not in recording:

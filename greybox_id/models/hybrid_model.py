@@ -1,13 +1,13 @@
-"""Known physics, and a network in place of what is not known.
+"""Known physics with a network for the unknown part.
 
     def physics(x, u, p, z):
-        F_yf = stiffness(z[0]) * alpha_f                  # z: what the network says, of order one
+        F_yf = stiffness(z[0]) * alpha_f                  # z: outputs of the network, of order one
         ...
         return {"v_y": a_y - u.v_x * x.yaw_rate, ...}, {"F_yf": F_yf, "a_y": a_y, ...}
 
-At every sample the network reads features of states and inputs, a recurrent one remembers what it has read before, and
-says z; the physics make states' derivatives and named quantities of it. Only outputs of the physics are compared with a
-recording: what the network says, the tyres' forces for example, is never measured.
+At every sample the network computes z from features of states and inputs, and from its memory if it is recurrent; the
+physics compute the states' derivatives and named quantities from z. Only outputs of the physics are compared with a
+recording: outputs of the network, such as tyre forces, are never measured.
 
 Source: "Tire cornering stiffness estimation using hybrid modeling", Sec. 2 and 3.2, Fig. 2.
 """
@@ -27,7 +27,7 @@ from .model import Model, Namespace, Symbol
 Physics = Callable[
     [Namespace, Namespace, Namespace, Sequence[Symbol]], tuple[Mapping[str, Symbol], Mapping[str, Symbol]]
 ]
-"""(x, u, p, z) -> derivatives by state, quantities by name. Symbols are rows of numbers, one for each window."""
+"""(x, u, p, z) -> derivatives by state, quantities by name. Symbols are rows of numbers, one per window."""
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ class Carried:
 
 @dataclass(frozen=True)
 class RecurrentNetwork:
-    """Layers that remember what they said a step before, and a linear one on top (Elman; rectified linear units).
+    """Layers that feed back their output of the previous step, and a linear one on top (Elman; rectified linear units).
 
         h_l = max(0, W_l h_(l-1) + R_l h_l(a step before) + b_l),    z = W_out h_last + b_out + W_skip features
 
     Attributes
     ----------
-    features : numbers it reads.
+    features : number of inputs.
     hidden : units of each hidden layer.
-    outputs : numbers it says.
-    skip : whether features also go straight to the output, W_skip.
+    outputs : number of outputs.
+    skip : whether features also enter the output directly, W_skip.
     """
 
     features: int
@@ -71,18 +71,18 @@ class RecurrentNetwork:
 
 @dataclass(frozen=True)
 class FeedForwardNetwork:
-    """Layers without a memory, and a linear one on top.
+    """Layers without memory, and a linear one on top.
 
         h_l = activation(W_l h_(l-1) + b_l),    z = W_out h_last + b_out
 
     Attributes
     ----------
-    features : numbers it reads.
+    features : number of inputs.
     hidden : units of each hidden layer.
-    outputs : numbers it says.
+    outputs : number of outputs.
     activation : of the hidden layers.
-    mirrored : for each feature, whether it changes its sign in a mirror. Where that is given, z(f) - z(mirrored f) is
-        what the network says: what it learns of a left turn holds of a right one.
+    mirrored : for each feature, whether it changes sign under reflection. If given, the output is
+        z(f) - z(mirrored f), so that left and right turns are treated alike.
     """
 
     features: int
@@ -104,8 +104,8 @@ class FeedForwardNetwork:
 
 
 Integrator = Literal["euler", "ab2", "rk4"]
-"""How states follow from one sample to the next: Euler's step, Adams and Bashforth's of second order, or the classical
-Runge-Kutta step, which asks the network four times."""
+"""Integration from one sample to the next: Euler, second-order Adams-Bashforth, or classical Runge-Kutta, which
+evaluates the network four times."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -115,20 +115,20 @@ class HybridModel(Model):
     Attributes
     ----------
     states : in order.
-    commands : inputs that are held between rows where a recording says that commands are.
-    network : its size; its weights are parameters by the names of its `shapes`.
-    features : (x, u, p) -> what the network reads, each of order one.
+    commands : inputs that are held between rows if the recording says that commands are.
+    network : its architecture; its weights are parameters named as in its `shapes`.
+    features : (x, u, p) -> inputs of the network, each of order one.
     physics : see `Physics`. Outputs are states or quantities by name.
-    estimates : quantities that an estimator is asked for, name -> SI unit.
-    untold : estimate -> (quantity, least size of it): where that is smaller, the estimate means nothing.
-    readings : state or output -> what it follows from where a recording does not hold it; None where it cannot.
-    least : input -> its smallest value at which the physics hold.
-    carried_on : parameters that are free where training is carried on for a vehicle that has changed.
+    estimates : quantities that an estimator can return, name -> SI unit.
+    untold : estimate -> (quantity, threshold): the estimate is not identifiable where the quantity is smaller.
+    readings : state or output -> function that computes it from a recording without it; it returns None if impossible.
+    least : input -> smallest value at which the physics hold.
+    carried_on : parameters freed when training is continued for a changed vehicle.
     sample_time : s; recordings must have it.
-    substeps : of each sample, that time is cut into.
-    integrator : how states follow; a recurrent network goes with "ab2".
-    window, warm_up : rows that are predicted from one start in training, and how many of them are not compared: until
-        the network has something to remember and the start is forgotten.
+    substeps : number of integration steps per sample.
+    integrator : integration scheme; a recurrent network requires "ab2".
+    window, warm_up : rows predicted from one start in training, and how many of them are not compared, so that the
+        network's memory fills and the start is forgotten.
     """
 
     kind: ClassVar[str] = "hybrid"
@@ -167,11 +167,11 @@ class HybridModel(Model):
 
     @property
     def remembered(self) -> int:
-        """Numbers that the network's layers carry from row to row."""
+        """Total number of memory values of the network's layers."""
         return sum(self.network.hidden) if self.recurrent else 0
 
     def read(self, name: str, recording: Recording) -> Array | None:
-        """A state or output as recorded, or as it follows from what is; None where it cannot."""
+        """A state or output as recorded, or computed from other signals; None if neither is possible."""
         if name in recording:
             return recording[name]
         return self.readings[name](recording) if name in self.readings else None

@@ -1,16 +1,17 @@
-"""Lateral dynamics by networks without a memory: alone, and beside a bicycle whose errors they make up for.
+"""Lateral dynamics by networks without memory: alone, or correcting a bicycle model.
 
-`mlp_lateral`: a network of state and input says the rates themselves. `bicycle_mlp`: a single track with Pacejka's
-tyres says them, and a network what it is off by; it stays where it was unless `free_physics` trains it along, held by
-its priors.
+`mlp_lateral`: a network computes the states' derivatives from state and input. `bicycle_mlp`: a single track with
+Pacejka's tyres computes them, and a network their error; the single track is held unless `free_physics` trains it too,
+with its priors.
 
-ISO 8855 axes. States v_y [m/s], yaw_rate [rad/s]; inputs v_x [m/s], steer [rad]. Scaled, the network reads and says
-numbers of order one: rates are its outputs times what a state of the recording's spread moves by at 0.5 Hz. Unscaled it
-reads SI units and says the states' increments over a sample, as published. Beyond what was trained on, hyperbolic
-tangents settle: rates stay finite and mean nothing; trainings from several seeds part there.
+ISO 8855 axes. States v_y [m/s], yaw_rate [rad/s]; inputs v_x [m/s], steer [rad]. Scaled, inputs and outputs of the
+network are of order one: outputs are multiplied by the rates of a 0.5 Hz oscillation with the recording's spread.
+Unscaled, inputs are in SI units and outputs are increments over a sample, as published. Outside the training data
+hyperbolic tangents saturate: derivatives stay finite but are meaningless; trainings from several seeds diverge there.
 
 Source: "Physics-guided approach with transfer learning in vehicle lateral dynamics", Eq. 1-5, 11, Sec. IV.B. What
-differs: the front lever arm and the load are those of a single track (Eq. 2 lacks the arms), and v_y may be read ahead
+Differences: the front lever arm and the load are those of a single track (Eq. 2 lacks the arms), and v_y may be read
+ahead
 of the centre of gravity.
 """
 
@@ -34,7 +35,7 @@ from .tyres import axle, pacejka
 
 OUTPUTS = ("v_y", "yaw_rate")
 AT_HALF_HERTZ = float(np.pi)
-"""Rate over amplitude of a sine of 0.5 Hz, 1/s: lateral dynamics answer up to a few hertz."""
+"""Rate over amplitude of a 0.5 Hz sine, 1/s: lateral dynamics respond up to a few hertz."""
 LEVER = Parameter(
     "velocity_lever_arm",
     "m",
@@ -55,13 +56,13 @@ class LateralNetworkSettings:
     hidden : units of the hidden layers; the default is the paper's largest.
     activation : "tanh" or "relu".
     window, warm_up : rows predicted from one start at the end of training, and how many of them are not compared.
-    scaled : whether the network reads and says numbers of order one; false as published.
-    symmetric : whether the vehicle is taken to be the same in a mirror; the network is odd then.
-    integrator : "rk4", "ab2", or "euler" as published. Exports are of models trained by "rk4".
-    free_physics : of bicycle_mlp, whether the bicycle is trained along.
-    scales : v_y, yaw rate, mean and spread of v_x, steer, and rates of v_y and yaw rate that count as one; None takes
-        the training recording's.
-    least_speed : below which the lateral dynamics mean nothing, m/s.
+    scaled : whether inputs and outputs of the network are of order one; False as published.
+    symmetric : whether the vehicle is assumed to be mirror-symmetric; the network is then odd.
+    integrator : "rk4", "ab2", or "euler" as published. Only models trained with "rk4" can be exported.
+    free_physics : whether the single track of bicycle_mlp is trained too.
+    scales : v_y, yaw rate, mean and spread of v_x, steer, and unit rates of v_y and yaw rate; None takes the training
+        recording's.
+    least_speed : speed below which the lateral dynamics are not valid, m/s.
     sample_time : s; None takes the training recording's.
     """
 
@@ -89,7 +90,7 @@ class LateralNetworkSettings:
 
 
 def covering_networks(settings: LateralNetworkSettings, recording: Recording) -> LateralNetworkSettings:
-    """Scales and sample time left open are set from a training recording."""
+    """The settings with open scales and sample time set from a training recording."""
     recording.require(("v_x", "steer", "yaw_rate"), "a lateral network")
     v_y = v_y_of(recording)
     if v_y is None:
@@ -116,13 +117,13 @@ def covering_networks(settings: LateralNetworkSettings, recording: Recording) ->
 
 
 def mlp_lateral(settings: LateralNetworkSettings | None = None) -> HybridModel:
-    """A network says the rates of v_y and yaw rate (Eq. 11)."""
+    """A network that computes the derivatives of v_y and yaw rate (Eq. 11)."""
     about = "lateral dynamics predicted by a feed-forward network"
     return _networked("mlp_lateral", about, (), None, settings or LateralNetworkSettings())
 
 
 def bicycle_mlp(settings: LateralNetworkSettings | None = None) -> HybridModel:
-    """A single track, and a network that says what its rates are off by."""
+    """A single track, and a network that computes the error of its derivatives."""
     value = settings or LateralNetworkSettings()
     physical = (*BODY[:4], *pacejka.parameters("f"), *pacejka.parameters("r"), LEVER)
     held = tuple(p if value.free_physics else replace(p, fixed=True) for p in physical)
@@ -131,7 +132,7 @@ def bicycle_mlp(settings: LateralNetworkSettings | None = None) -> HybridModel:
 
 
 def _bicycle(x: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Symbol]:
-    """Rates of a single track whose v_y is read `velocity_lever_arm` ahead of the centre of gravity (Eq. 1-5)."""
+    """Derivatives of a single track whose v_y is read `velocity_lever_arm` ahead of the centre of gravity (Eq. 1-5)."""
     v_y = x.v_y - p.velocity_lever_arm * x.yaw_rate
     alpha_f = u.steer - cs.atan((v_y + p.l_f * x.yaw_rate) / u.v_x)
     alpha_r = -cs.atan((v_y - p.l_r * x.yaw_rate) / u.v_x)

@@ -1,9 +1,9 @@
-"""Longitudinal model: Newton's law along the vehicle, with wheels that turn and an actuator that lags.
+"""Longitudinal model: Newton's law along the vehicle, with wheel inertia and a first-order actuator lag.
 
 State v_x [m/s]; inputs drive (N, m/s^2 or A, whichever is recorded; negative brakes) and road_slope [rad], uphill
-positive. The four wheels' inertia I_w adds 4 I_w / wheel_radius^2 to the mass that is accelerated, not to the mass that
-gravity pulls. Force along is no more than the road's friction times the weight, where friction is stated. a_x is what
-an accelerometer reads: dv_x/dt and g sin(road_slope).
+positive. The four wheels' inertia I_w adds 4 I_w / wheel_radius^2 to the accelerated mass, but not to the weight. If
+the friction is stated, it limits the longitudinal force to friction times the weight. a_x is the reading of an
+accelerometer: dv_x/dt + g sin(road_slope).
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural networks",
 Eq. 8-12, with c_0 = m g c_r, c_1 = c_l, c_2 = k_a, and one wheel inertia.
 """
@@ -28,10 +28,10 @@ WHEELS = (
     ),
     Parameter("wheel_radius", "m", 0.32, (0.01, 2.0), fixed=True, about="rolling radius of the wheels"),
 )
-"""Of the car whose numbers a model has that is told no vehicle."""
+"""Wheels of a mid-size car, used unless a vehicle is stated."""
 
 ENDLESS = 1e6
-"""A friction coefficient that no force of a vehicle reaches."""
+"""A friction coefficient that no vehicle's force reaches."""
 PARAMETERS = (
     *(parameter for parameter in BODY if parameter.name == "m"),
     *WHEELS,
@@ -57,11 +57,11 @@ PARAMETERS = (
 
 
 def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
-    """Longitudinal model with one degree of freedom; drive and brake as of `single_track`."""
+    """Longitudinal model with one degree of freedom; drive and brake as in `single_track`."""
     separate = ("brake",) if brake == "separate" else ()
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
-        moving = sign_of_motion(x.v_x)  # brakes and rolling resistance hold a vehicle at rest, they do not drive it
+        moving = sign_of_motion(x.v_x)  # zero at rest: brakes and rolling resistance do not accelerate a vehicle
 
         pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
         q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
@@ -116,5 +116,5 @@ def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
 
 
 def effective_mass(p: Namespace) -> Symbol:
-    """Mass that a force along the vehicle accelerates, wheels included [kg]."""
+    """Mass accelerated by a longitudinal force, including the wheels' inertia [kg]."""
     return p.m + 4 * p.I_w / p.wheel_radius**2

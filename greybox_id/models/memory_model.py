@@ -6,8 +6,8 @@ samples with weights, oldest first:
     def equations(u, p, past):
         return {"yaw_rate": past(u.v_x * u.steer, p.F)}
 
-An input that is one of the model's own outputs (or follows from them) closes the loop: `feedback` says
-how. Open loop, such an input is taken from the recording; closed loop, from the model's predictions.
+If an input is one of the model's outputs (or follows from them), `feedback` defines how the loop is closed. Open loop,
+such an input is taken from the recording; closed loop, from the model's predictions.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ class Past(Protocol):
 
 @dataclass(frozen=True)
 class SampledActuator:
-    """A dynamic element between a recorded command and what the equations see of it.
+    """A dynamic element between a recorded command and the equations.
 
     Attributes
     ----------
-    signal : the input it stands before.
-    step : (state, command, p, sample_time) -> (next state, what the equations see at this sample);
-        the state is one number.
+    signal : the input it acts on.
+    step : (state, command, p, sample_time) -> (next state, its output at this sample); the state is one number.
     """
 
     signal: str
@@ -44,13 +43,13 @@ class SampledActuator:
 
 @dataclass(frozen=True)
 class SampledSensor:
-    """A dynamic element between an output of the equations and what is recorded of it.
+    """A dynamic element between an output of the equations and its recorded reading.
 
     Attributes
     ----------
-    signal : the output it stands behind.
-    weights : p, sample_time -> weights of the last samples of the output, newest first; they sum to one
-        for a sensor that is only late.
+    signal : the output it acts on.
+    weights : p, sample_time -> weights of the last samples of the output, newest first; they sum to one for a pure
+        latency.
     """
 
     signal: str
@@ -64,10 +63,10 @@ class MemoryModel(Model):
     Attributes
     ----------
     equations : (u, p, past) -> output name -> expression for the output one sample after the newest input.
-    feedback : (y, u) -> input name -> expression, for the inputs that come from the outputs in closed loop.
+    feedback : (y, u) -> input name -> expression, for inputs computed from the outputs in closed loop.
     sample_time : s; the recording must have it.
-    step_2_holds : parameters that the closed loop does not move once their part is fitted alone.
-    actuators, sensors : put there by effects.
+    step_2_holds : parameters that the closed-loop fit holds at the values from the fit of their part.
+    actuators, sensors : added by effects.
     """
 
     kind: ClassVar[str] = "memory"
@@ -89,17 +88,17 @@ class MemoryModel(Model):
 
     @property
     def states(self) -> tuple[()]:
-        """None: what it remembers is in its windows."""
+        """Empty: its memory is in its windows."""
         return ()
 
     def with_actuator(self, actuator: SampledActuator) -> MemoryModel:
-        """The same model with an actuator before one of its inputs; the first one added is nearest the command."""
+        """The same model with an actuator on one of its inputs; the first one added is nearest the command."""
         if actuator.signal not in self.inputs:
             raise BadModel(f"Model {self.name} has no input {actuator.signal}; it has {', '.join(self.inputs)}.")
         return replace(self, actuators=(*self.actuators, actuator))
 
     def with_sensor(self, sensor: SampledSensor) -> MemoryModel:
-        """The same model with a sensor behind one of its outputs; one sensor per output."""
+        """The same model with a sensor on one of its outputs; at most one per output."""
         if sensor.signal not in self.outputs:
             raise BadModel(f"Model {self.name} has no output {sensor.signal}; it has {', '.join(self.outputs)}.")
         if any(other.signal == sensor.signal for other in self.sensors):

@@ -1,25 +1,24 @@
 """A model: equations over named symbols. It holds no data and no solver.
 
-There are three kinds: a page of equations of motion, states and their derivatives (motion_model.py); a discrete map,
-whose next outputs follow from windows of past inputs (memory_model.py); and physics with a network inside
-(hybrid_model.py). What every model is known by stands here; what is done with each kind in a way of its own, in modules
-of its name.
+There are three kinds: equations of motion, with states and their derivatives (motion_model.py); discrete maps, whose
+next outputs follow from windows of past inputs (memory_model.py); and physics with a network inside (hybrid_model.py).
+This module has what all kinds share.
 
-What every kind of model does in a way of its own: one function for each question, with an answer for each kind.
+Operations that differ between kinds are functions with one implementation per kind:
 
     @by_kind
     def simulate(model: Model, recording: Recording) -> Prediction:
-        "Free run of every unbroken run of a recording."
-        raise BadInput(f"{model.name} is not simulated.")  # kinds that bring no answer
+        "Free run of every run of a recording."
+        raise BadInput(f"{model.name} is not simulated.")  # for kinds without an implementation
 
     @simulate.register(MotionModel)
     def _simulated(model: MotionModel, recording: Recording) -> Prediction: ...
 
-A floor asks its questions in one of its modules and calls them like functions. A kind answers them in a module of its
-own that is called after `Model.kind` (`fitting/scores/motion.py`, `fitting/motion.py`) and is imported when a model
-of that kind is first asked about, or wherever else it calls `register`. So a new kind changes no file of the others.
+A package declares such a function in one of its modules; others call it like any function. The implementation for a
+kind is in a module of that package named after `Model.kind` (`fitting/scores/motion.py`, `fitting/motion.py`), which is
+imported when first needed, or in any other module that calls `register`. So a new kind changes no existing file.
 
-Hyperparameters of models as plain data: read from files and options, checked field by field.
+Hyperparameters of models are plain data, read from files and options, and checked field by field.
 """
 
 from __future__ import annotations
@@ -63,15 +62,15 @@ Namespace = SimpleNamespace
 
 @dataclass(frozen=True)
 class Combination:
-    """A quantity made of several parameters, which a recording may tell better than each of them.
+    """A function of several parameters that a recording may determine better than each of them.
 
     Attributes
     ----------
-    name : as a person would write it: "l_f + l_r".
+    name : as printed: "l_f + l_r".
     unit : SI unit in pint's spelling.
-    of : parameters by name (symbols or numbers) -> the quantity.
+    of : parameters by name (symbols or numbers) -> the value.
     about : meaning, for people.
-    scaled_by : the quantity of the equations that scales it, 1 nominally; it is tracked through this one.
+    scaled_by : the quantity of the equations that multiplies it, nominally 1; a tracker estimates it through this one.
     """
 
     name: str
@@ -83,27 +82,27 @@ class Combination:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Model:
-    """What every model is known by.
+    """Attributes of every model.
 
     Attributes
     ----------
-    name : the word it is called by on the command line.
+    name : on the command line.
     about : one sentence.
-    inputs : recorded signals the equations read.
-    outputs : recorded signals they predict.
+    inputs : recorded signals that the equations read.
+    outputs : recorded signals that they predict.
     parameters : in the order of the parameter vector.
-    defaults : input name -> value taken when a recording lacks it (a flat road).
-    symmetric : the vehicle is taken to be the same in a mirror; fitting then sees every recording mirrored too.
+    defaults : input name -> value if a recording lacks it (a flat road).
+    symmetric : whether the vehicle is assumed to be mirror-symmetric; fitting then uses every recording mirrored too.
     settings : hyperparameters from which the model was built, for the record.
     effects : names of the effects added to it.
-    together : sentences on parameters that the equations let appear only in combinations.
-    combinations : quantities to report beside the parameters.
-    origins : name of an effect that greybox-id does not ship -> where its equations come from.
-    aliases : input -> signals any one of which is that input, the first one recorded counts.
+    together : sentences on parameters that appear in the equations only in combination.
+    combinations : quantities to report with the parameters.
+    origins : name of an effect that greybox-id does not ship -> where its equations are defined.
+    aliases : input -> signals that can serve as this input; the first one recorded is used.
     parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
-    units : SI units of inputs, outputs and quantities that are no known signals, by name.
-    kind : of a class, what the modules are called that deal with its models (see kinds.py).
-    called : of a class, what its models are, for people.
+    units : SI units of inputs, outputs and quantities that are not known signals, by name.
+    kind : class attribute: name of the modules with implementations for its models (see `by_kind`).
+    called : class attribute: what its models are called in sentences.
 
     Examples
     --------
@@ -138,7 +137,7 @@ class Model:
     called: ClassVar[str] = "a model of its own kind"
 
     def unit(self, name: str) -> str:
-        """SI unit of a signal or a quantity: as stated in `units`, else as its name tells, else "1"."""
+        """SI unit of a signal or a quantity: as stated in `units`, else by its name, else "1"."""
         return self.units.get(name) or unit_of(name, unit_of_quantity(name))
 
     def __repr__(self) -> str:
@@ -168,7 +167,7 @@ class Model:
         raise BadModel(f"Model {self.name} has no parameter {name!r}; it has {', '.join(names)}.{near(name, names)}")
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """Itself: nothing in it changes, and functions and read-only mappings have no copies."""
+        """Itself: it is immutable, and functions and read-only mappings cannot be copied."""
         return self
 
     def __contains__(self, name: object) -> bool:
@@ -181,12 +180,12 @@ class Model:
 
     @property
     def origin(self) -> Origin | None:
-        """Where the equations come from; None for models that greybox-id ships."""
+        """Where the equations are defined; None for models that greybox-id ships."""
         return origin_of(*vars(self).values())
 
     @property
     def size(self) -> int:
-        """How many numbers the parameters hold."""
+        """Total number of values in the parameters."""
         return sum(parameter.size for parameter in self.parameters)
 
     @property
@@ -199,14 +198,14 @@ class Model:
         return replace(self, parameters=unpack(self.parameters, vector))
 
     def with_parameters(self, *parameters: Parameter) -> Self:
-        """The same model with the named parameters replaced, or appended when it has none of that name."""
+        """The same model with the named parameters replaced, or appended if it has none of that name."""
         new = {parameter.name: parameter for parameter in parameters}
         kept = tuple(new.pop(parameter.name, parameter) for parameter in self.parameters)
         return replace(self, parameters=kept + tuple(new.values()))
 
 
 MOST_LISTED = 12
-"""Names in a line of a model's `repr`."""
+"""Largest number of names in a line of a model's `repr`."""
 
 
 def _listed(names: tuple[str, ...]) -> str:
@@ -220,11 +219,11 @@ Kind = TypeVar("Kind", bound=Model)
 
 
 class ByKind(Generic[P, T]):
-    """A question about a model, as a function.
+    """A function of a model with one implementation per kind of model.
 
     Parameters
     ----------
-    otherwise : the answer for kinds that bring none, often a sentence that says why.
+    otherwise : implementation for kinds without their own, often one that raises an error with the reason.
     """
 
     def __init__(self, otherwise: Callable[Concatenate[Model, P], T]) -> None:
@@ -233,7 +232,7 @@ class ByKind(Generic[P, T]):
         update_wrapper(self, otherwise)
 
     def __call__(self, model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        """The answer of the model's kind."""
+        """Call the implementation for the model's kind."""
         for kind in type(model).__mro__:
             if kind not in self._answers and vars(kind).get("kind"):
                 _load(f"{self._floor}.{vars(kind)['kind']}")
@@ -244,7 +243,7 @@ class ByKind(Generic[P, T]):
     def register(
         self, kind: type[Kind]
     ) -> Callable[[Callable[Concatenate[Kind, P], T]], Callable[Concatenate[Kind, P], T]]:
-        """Decorator of a kind's own answer; it holds for subclasses too."""
+        """Decorator: registers the implementation for a kind and its subclasses."""
 
         def keep(answer: Callable[Concatenate[Kind, P], T]) -> Callable[Concatenate[Kind, P], T]:
             self._answers[kind] = answer
@@ -254,12 +253,12 @@ class ByKind(Generic[P, T]):
 
 
 def by_kind(otherwise: Callable[Concatenate[Model, P], T]) -> ByKind[P, T]:
-    """Decorator: a function of a model, then anything, to which kinds of models bring answers of their own."""
+    """Decorator: a function whose first argument is a model, with one implementation per kind."""
     return ByKind(otherwise)
 
 
 def must_be(kind: type[Kind], model: Model, otherwise: str = "") -> Kind:
-    """The model, where it is of the kind that is needed. Raises `BadInput` with that sentence where it is not."""
+    """The model if it is of the kind needed. Raises `BadInput` with that sentence otherwise."""
     if isinstance(model, kind):
         return model
     raise BadInput(otherwise or f"{model.name} is {model.called}; {kind.called} is needed here.")
@@ -284,7 +283,7 @@ def from_mapping(kind: type[Settings], values: Mapping[str, Any], where: str = "
 
     Raises
     ------
-    BadInput : an unknown name, or a value of the wrong kind; the sentence says which and what would do.
+    BadInput : an unknown name, or a value of the wrong type; the error says which, and what is accepted.
     """
     hints = get_type_hints(kind)
     known = [f.name for f in fields(cast(Any, kind))]
@@ -298,7 +297,7 @@ def from_mapping(kind: type[Settings], values: Mapping[str, Any], where: str = "
 
 
 def within(settings: object, **limits: tuple[float, float]) -> None:
-    """Raise `BadInput` where a hyperparameter lies outside what can be built."""
+    """Raise `BadInput` if a hyperparameter is outside its limits."""
     for name, (low, high) in limits.items():
         value = getattr(settings, name)
         if not low <= value <= high:

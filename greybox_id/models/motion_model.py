@@ -1,4 +1,4 @@
-"""Equations of motion: states, their derivatives, and what sensors read of them.
+"""Equations of motion: states, their derivatives, and sensor readings.
 
     def dynamics(x, u, p, q):
         q.alpha_f = u.steer - atan2(x.v_y + p.l_f * x.yaw_rate, x.v_x)
@@ -6,18 +6,17 @@
         q.a_y = (q.F_yf * cos(u.steer) + q.F_yr) / p.m
         return {"v_y": q.a_y - x.v_x * x.yaw_rate, ...}
 
-`q` takes the named quantities on the way from states to derivatives. Assigning one lets the effects that alter it act
-before anything reads it back, so that an effect needs no copy of the equations. Outputs are states or quantities by
-their names.
+`q` collects the named quantities between states and derivatives. Assigning one applies the effects that alter it before
+it is read back, so that an effect needs no copy of the equations. Outputs are states or quantities by name.
 
-Between command and vehicle stand delays and actuators, between vehicle and recording sensors and latencies, in the
+Delays and actuators lie between command and vehicle, sensors and latencies between vehicle and recording, in the
 order
 
     command -> delay -> actuators -> altered inputs and parameters -> dynamics with altered quantities -> outputs ->
     sensors -> latency -> recording
 
 Within each of these, effects act in the order in which they were added. Delays and latencies are pure shifts in time
-and commute with everything that does not change with time, so their place costs no generality.
+and commute with everything time-invariant, so their place is no restriction.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ from ..base.errors import BadModel
 from .model import Model, Namespace, Symbol
 
 Quantities = Any
-"""q: named quantities as attributes; q.x, q.u, q.p are the states, inputs and parameters they are made of, q.before the
-quantities of the pass before, all zero in the first one."""
+"""q: named quantities as attributes; q.x, q.u, q.p are the states, inputs and parameters, q.before the quantities of
+the previous pass, all zero in the first one."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +40,11 @@ class State:
 
     Attributes
     ----------
-    name : a signal's name where the state is one that may be recorded.
+    name : a signal's name if the state may be recorded.
     unit : SI unit.
-    scale : how large it typically is; how loosely an unmeasured start is known.
-    start : what it is taken to be when a run starts and it is not measured: a number, or a function of
-        (x, u, p), where x holds the states that were measured (others at zero).
+    scale : its typical size; standard deviation of an unmeasured initial value.
+    start : initial value if it is not measured at the start of a run: a number, or a function of (x, u, p), where x
+        holds the measured states (others at zero).
 
     Examples
     --------
@@ -62,20 +61,20 @@ class State:
 
 @dataclass(frozen=True)
 class Actuator:
-    """A dynamic element between a recorded command and the vehicle, with one state: where it stands.
+    """A dynamic element between a recorded command and the vehicle, with one state: its output.
 
     Attributes
     ----------
-    signal : the input it stands before.
+    signal : the input it acts on.
     name : of its state.
-    segment : (state, (begin, end) of the command, p, h) -> (state after h, (begin, end) of what the vehicle sees).
-        Commands are straight lines over a segment of h seconds, and so is what the vehicle sees: the line of the same
-        mean and first moment as the element's true response. Here and below p has, beside the parameters, `inputs`:
-        name -> such a line of every input.
-    after : (state, command, p, time) -> what is seen so long after the command took this value.
-    moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
-    beside : name of another actuator, whose state it reads too: `state` is then both of them, its own first. At rest
-        both stand at the command.
+    segment : (state, (begin, end) of the command, p, h) -> (state after h, (begin, end) of its output). Commands are
+        straight lines over a segment of h seconds, and so is the output: the line with the same mean and first moment
+        as the exact response. In all functions p has, in addition to the parameters, `inputs`: name -> such a line of
+        every input.
+    after : (state, command, p, time) -> output at this time after a step to the command.
+    moves : (state, command, p, time) -> that output less the state, computed without cancellation.
+    beside : name of another actuator whose state it also reads: `state` is then a pair, its own first. At rest both
+        states equal the command.
     """
 
     signal: str
@@ -92,7 +91,7 @@ class Relaxation:
 
     Attributes
     ----------
-    quantity : its name.
+    quantity : name of the quantity.
     time_constant : q -> s; zero means no lag.
     """
 
@@ -102,13 +101,13 @@ class Relaxation:
 
 @dataclass(frozen=True)
 class Validity:
-    """Where equations hold; elsewhere they only stay finite, and readings tell nothing of their parameters.
+    """Where equations hold; elsewhere they only stay finite, and readings there are not used for estimation.
 
     Attributes
     ----------
     signal : an input or an output.
-    least : they hold where its absolute value is at least so much, in its unit.
-    outputs : of which this is so.
+    least : smallest absolute value of the signal at which the equations hold, in its unit.
+    outputs : the outputs concerned.
     """
 
     signal: str
@@ -123,7 +122,7 @@ Sensor = Callable[[Namespace, Quantities], Mapping[str, Symbol]]
 """(readings so far, q) -> the readings that change; q.rates holds the derivatives of the states."""
 
 Shift = Callable[[Namespace], Symbol]
-"""Parameters -> s."""
+"""Parameters -> time, s."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -136,19 +135,20 @@ class MotionModel(Model):
     dynamics : (x, u, p, q) -> state name -> derivative.
     quantities : names that `dynamics` assigns, for effects, reports and estimators to use.
     commands : inputs that a controller or driver commands; they are held between rows unless the recording says
-        otherwise. Other inputs are measured and run straight between rows.
+        otherwise. Other inputs are measured and interpolated linearly between rows.
     extra_rates : (q) -> derivatives of the states that effects add.
-    delays : input -> by how much its command is late. Several on one input add up.
+    delays : input -> delay of its command. Several on one input add up.
     actuators : between commands and vehicle.
     alterations : of parameters, inputs and quantities.
     relaxations : of quantities.
     sensors : between outputs and recording.
-    latencies : output -> by how much its reading is late. Several on one output add up.
-    passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
-        reads q.before and converges over a few passes.
+    latencies : output -> latency of its reading. Several on one output add up.
+    passes : number of evaluations of the dynamics. Algebraic loops, as of loads and accelerations, read q.before and
+        converge over a few passes.
     validity : where the equations hold; fits leave out other readings.
-    rounded : magnitude of an effect -> the input that it rounds to whole multiples of itself.
-    learnt : whether constants of the equations are the weights of a network, which took up what was in its training.
+    rounded : magnitude of an effect -> the input that it rounds to integer multiples of this magnitude.
+    learnt : whether constants of the equations are weights of a network, which includes all effects in its training
+        data.
 
     Examples
     --------
@@ -191,7 +191,7 @@ class MotionModel(Model):
 
     @property
     def names(self) -> frozenset[str]:
-        """Everything an effect may touch."""
+        """All names that an effect may refer to."""
         parameters = (parameter.name for parameter in self.parameters)
         states = (state.name for state in self.states)
         return frozenset((*self.inputs, *self.outputs, *parameters, *states, *self.quantities))
@@ -202,17 +202,17 @@ class MotionModel(Model):
         return self.units.get(name) or stated.get(name) or Model.unit(self, name)
 
     def delayed(self, signal: str, by: Shift) -> MotionModel:
-        """The same model with a command that arrives late."""
+        """The same model with a delayed command."""
         self._must_have(signal, self.inputs, "input")
         return replace(self, delays=(*self.delays, (signal, by)))
 
     def actuated(self, actuator: Actuator) -> MotionModel:
-        """The same model with an actuator behind those its input already has."""
+        """The same model with an actuator after those that its input already has."""
         self._must_have(actuator.signal, self.inputs, "input")
         return replace(self, actuators=(*self.actuators, actuator))
 
     def altered(self, **changes: Callable[[Symbol, Quantities], Symbol]) -> MotionModel:
-        """The same model with parameters, inputs or quantities altered, those it has of the names given."""
+        """The same model with altered parameters, inputs or quantities; names that it lacks are ignored."""
         known = self.names
         result = tuple((name, change) for name, change in changes.items() if name in known)
         if not result:
@@ -220,25 +220,25 @@ class MotionModel(Model):
         return replace(self, alterations=(*self.alterations, *result))
 
     def relaxed(self, time_constant: Callable[[Quantities], Symbol], *quantities: str) -> MotionModel:
-        """The same model with quantities that follow with a lag, those it has of the names given."""
+        """The same model with first-order lags on quantities; names that it lacks are ignored."""
         result = tuple(Relaxation(name, time_constant) for name in quantities if name in self.quantities)
         return replace(self, relaxations=(*self.relaxations, *result))
 
     def sensed(self, sensor: Sensor) -> MotionModel:
-        """The same model with a sensor behind those it already has."""
+        """The same model with a sensor after those that it already has."""
         return replace(self, sensors=(*self.sensors, sensor))
 
     def late(self, by: Shift, *outputs: str) -> MotionModel:
-        """The same model with readings that are late, of the outputs it has of the names given."""
+        """The same model with delayed readings; outputs that it lacks are ignored."""
         result = tuple((name, by) for name in outputs if name in self.outputs)
         return replace(self, latencies=(*self.latencies, *result))
 
     def gone_through(self, passes: int) -> MotionModel:
-        """The same model with dynamics gone through at least so often."""
+        """The same model with at least this many evaluations of the dynamics."""
         return replace(self, passes=max(passes, self.passes))
 
     def with_states(self, rates: Callable[[Quantities], Mapping[str, Symbol]], *states: State) -> MotionModel:
-        """The same model with further states, (q) -> their derivatives."""
+        """The same model with further states; `rates` is (q) -> their derivatives."""
         return replace(self, states=(*self.states, *states), extra_rates=(*self.extra_rates, rates))
 
     def _must_have(self, name: str, among: tuple[str, ...], what: str) -> None:

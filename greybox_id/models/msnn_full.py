@@ -1,18 +1,18 @@
 """MS-NN-full: the coupled lateral and longitudinal dynamics, MS-NN-lat and MS-NN-long in a closed loop.
 
-The predicted longitudinal acceleration takes the place of the measured one in MS-NN-lat's window, and the
-predicted yaw rate times speed that of the lateral acceleration in MS-NN-long's.
+In MS-NN-lat's window the predicted longitudinal acceleration replaces the measured one; in MS-NN-long's window the
+predicted yaw rate times speed replaces the lateral acceleration.
 
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
 networks", Fig. 1a and Sec. II-D.
 
-MS-NN-full-plus has what recordings of a 1:10 car suggested beyond the paper; each addition can be switched off:
+MS-NN-full-plus has additions that recordings of a 1:10 car suggested; each can be switched off:
 
 lat.n_delta            3 or 5 local models over steering
 steering_rate_limit    the servo's limit before the window (an effect, held at its setting), or none
-symmetric              left and right are the same vehicle, so every recording is seen mirrored too, or not
+symmetric              whether the vehicle is mirror-symmetric, so that every recording is used mirrored too
 long.speed_window      the window of speeds acts on the acceleration
-long.eta = 5           half the neurons, now that the speeds tell most
+long.eta = 5           half the neurons, since speeds carry most of the information
 timing_offset          one latency of the inertial sensors per run, a nuisance parameter (an effect); off by default
 
 Cross-validation on the training data chooses the first three unless they are set.
@@ -40,9 +40,9 @@ class FullSettings:
     Attributes
     ----------
     lat, long : those of MS-NN-lat and MS-NN-long.
-    refine_longitudinal : let step 2 move the longitudinal part too, as the paper does. Off, step 2 refines the lateral
-        part on predicted accelerations and leaves the longitudinal part as its own output told it: in a common
-        objective the yaw rate's residuals bend the acceleration that feeds them.
+    refine_longitudinal : whether step 2 also changes the longitudinal part, as in the paper. If not, step 2 refines the
+        lateral part on predicted accelerations and leaves the longitudinal part as fitted to its own output: in a
+        common objective the yaw rate's residuals distort the acceleration that feeds them.
     """
 
     lat: LateralSettings = field(default_factory=LateralSettings)
@@ -51,7 +51,7 @@ class FullSettings:
 
 
 def covering_full(settings: FullSettings, recording: Recording, symmetric: bool = False) -> FullSettings:
-    """Centres left open are set from a training recording."""
+    """The settings with open centres set from a training recording."""
     return FullSettings(
         covering_lat(settings.lat, recording, symmetric),
         covering_long(settings.long, recording, symmetric),
@@ -102,10 +102,10 @@ class PlusSettings:
     Attributes
     ----------
     lat, long : those of MS-NN-lat and MS-NN-long.
-    symmetric : see every recording mirrored too.
+    symmetric : whether every recording is used mirrored too.
     steering_rate_limit : rad/s, before the steering window; None for no limit.
     refine_longitudinal : as in MS-NN-full.
-    timing_offset : estimate one latency of the inertial sensors per run.
+    timing_offset : whether one latency of the inertial sensors per run is estimated.
     """
 
     lat: LateralSettings = field(default_factory=lambda: LateralSettings(n_delta=3))
@@ -135,10 +135,10 @@ def msnn_full_plus(settings: PlusSettings | None = None) -> MemoryModel:
 
 
 def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Structures that cross-validation on the training data chooses between, where the settings leave them open."""
+    """Structures among which cross-validation on the training data chooses, if the settings leave them open."""
     lat = settings.get("lat", {})
     if not isinstance(lat, Mapping):
-        return [dict(settings)]  # making settings of it will say what is wrong
+        return [dict(settings)]  # building the settings raises the error
     steer = lat.get("steer")
     known = len(steer) if isinstance(steer, (list, tuple)) else lat.get("n_delta")
     counts = [3, 5] if known is None else [known]
@@ -153,6 +153,6 @@ def alternatives_plus(settings: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def covering_plus(settings: PlusSettings, recording: Recording) -> PlusSettings:
-    """Centres left open cover the recording's range, symmetric about straight ahead where the model is."""
+    """The settings with open centres covering the recording's range, symmetric about straight ahead if the model is."""
     both = covering_full(FullSettings(settings.lat, settings.long), recording, symmetric=settings.symmetric)
     return replace(settings, lat=both.lat, long=both.long)

@@ -1,7 +1,7 @@
 """MS-NN-lat: the yaw rate from windows of speed, steering and longitudinal acceleration.
 
-Local linear models of the path's curvature over steering angle, speed and longitudinal acceleration (the
-quasi steady state), seen through local finite impulse responses (the transient). ISO 8855 axes.
+Local linear models of path curvature over steering angle, speed and longitudinal acceleration (the quasi steady
+state), followed by local finite impulse responses (the transient). ISO 8855 axes.
 
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
 networks", Eq. 1-6 and Fig. 1b-2. The yaw rate is that of the sample after the window, and the speed of each
@@ -22,7 +22,7 @@ from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .parameter import Parameter, Prior
 
 TYPICAL_GAIN = 3.0
-"""Curvature per steering angle of a 1:10 car, 1/(m rad), where no recording tells better."""
+"""Curvature per steering angle of a 1:10 car, 1/(m rad), used without a recording that determines it."""
 
 
 class Centres(NamedTuple):
@@ -40,12 +40,12 @@ class LateralSettings:
     Attributes
     ----------
     n_delta, n_v, n_x : local models over steering angle, speed and longitudinal acceleration.
-    q : past samples in a window besides the newest.
+    q : past samples in a window in addition to the newest.
     steer, v_x, a_x : their centres, rad, m/s and m/s^2; None spaces them evenly over the training recording.
     curvature_gain : prior mean of d(curvature)/d(steer), 1/(m rad), about the inverse wheelbase; None takes the
         training recording's average.
     steady_over_a_x, transient_over_a_x : whether curvature and impulse responses depend on a_x. The paper's Ablation 1
-        is without the latter (120 weights), its Ablation 2 without both (70), and then does not read a_x.
+        lacks the latter (120 weights), its Ablation 2 both (70), and then does not read a_x.
     sample_time : s.
     """
 
@@ -71,7 +71,7 @@ class LateralSettings:
 
 
 def covering_lat(settings: LateralSettings, recording: Recording, symmetric: bool = False) -> LateralSettings:
-    """Centres and gain left open are set from a training recording."""
+    """The settings with open centres and gain set from a training recording."""
     s = settings
     recording.require(("v_x", "steer", *(("a_x",) if s.reads_a_x else ()), "yaw_rate"), "MS-NN-lat")
     return replace(
@@ -84,7 +84,7 @@ def covering_lat(settings: LateralSettings, recording: Recording, symmetric: boo
 
 
 def average_gain(recording: Recording) -> float:
-    """Curvature of the path per steering angle, 1/(m rad), by least squares; a typical one where nothing turns."""
+    """Path curvature per steering angle, 1/(m rad), by least squares; the typical one if the steering is zero."""
     turning = recording["v_x"] * recording["steer"]
     known = np.isfinite(turning) & np.isfinite(recording["yaw_rate"])
     power = float(turning[known] @ turning[known])
@@ -144,7 +144,7 @@ def msnn_lat(settings: LateralSettings | None = None) -> MemoryModel:
 
 
 def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
-    """Curvature weights about the kinematic single-track car, and impulse responses that fade within a second."""
+    """Curvature weights with priors about the kinematic car, and impulse responses that decay within a second."""
     gain = TYPICAL_GAIN if s.curvature_gain is None else s.curvature_gain
     shape = (len(c.v_x), len(c.steer), len(c.a_x) if s.steady_over_a_x else 1)
     local = (("v_x", c.v_x), *((("a_x", c.a_x),) if s.transient_over_a_x else ()))

@@ -5,7 +5,7 @@ small network each) and a learned lateral force of the front axle. ISO 8855 axes
 
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural
 networks", Eq. 7-15 and Fig. 3. The acceleration is that of the sample after the window. Eq. 12 gives
-dv_x/dt; what an accelerometer reads, and what `a_x` means here, is g sin(road_slope) more. On a flat road both are one.
+dv_x/dt; an accelerometer reads, and `a_x` is, g sin(road_slope) more. On a flat road both are equal.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ class LongitudinalSettings:
     n_v, n_y : local models of the lateral force over speed and lateral acceleration.
     v_x, a_y : their centres, m/s and m/s^2; None spaces them evenly over the training recording.
     eta : neurons of each branch of the actuation model.
-    gamma : past samples in a window besides the newest.
+    gamma : past samples in a window in addition to the newest.
     one_inertia : a single wheel inertia for both axles, as in the authors' code (384 parameters); False keeps
         one per axle as in Eq. 15 (385).
-    speed_window : beyond the paper: the window of speeds acts on the acceleration too. The change of speed over the
-        last samples is what the acceleration of the next one mostly is; it also stands in for a motor controller
-        that follows a speed command.
-    lateral_force : the force of the front axle along the vehicle. The paper's Ablation 3 is without it (346), and reads
-        neither steering nor a_y.
+    speed_window : an addition to the paper: the window of speeds also acts on the acceleration. The change of speed
+        over the last samples is the best predictor of the next acceleration; it also models a motor controller that
+        follows a speed command.
+    lateral_force : whether to include the front lateral force's longitudinal component. The paper's Ablation 3 lacks it
+        (346), and reads neither steering nor a_y.
     sample_time : s.
     """
 
@@ -63,7 +63,7 @@ class LongitudinalSettings:
 def covering_long(
     settings: LongitudinalSettings, recording: Recording, symmetric: bool = False
 ) -> LongitudinalSettings:
-    """Centres left open are set from a training recording."""
+    """The settings with open centres set from a training recording."""
     needed = ("v_x", "motor_current", *(("steer", "a_y") if settings.lateral_force else ()), "a_x")
     recording.require(needed, "MS-NN-long")
     if not settings.lateral_force:
@@ -129,7 +129,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
 
 
 def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> tuple[Parameter, ...]:
-    """Physical parameters about a 1:10 car, and the weights of its three networks."""
+    """Physical parameters with priors about a 1:10 car, and the weights of its three networks."""
     length, eta = s.gamma + 1, s.eta
     inertias = ("I_w",) if s.one_inertia else ("I_wf", "I_wr")
     physical = (
@@ -140,7 +140,7 @@ def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> 
         *(Parameter(n, "kg m^2", 5e-5, (1e-7, 1e-2), Prior(1e-5), about="wheel inertia, one wheel") for n in inertias),
         Parameter("r", "m", 0.055, (0.01, 0.2), Prior(0.0005), about="wheel radius"),
     )
-    # Neurons that start alike stay alike: their thresholds start spread over the branch's range of current.
+    # Identical neurons would stay identical: initial thresholds are spread over the branch's range of current.
     branches = tuple(
         parameter
         for branch, word, gain, thresholds in (

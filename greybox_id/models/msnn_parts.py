@@ -1,4 +1,4 @@
-"""What model-structured networks are made of: local models over evenly spaced centres, and fading impulse responses."""
+"""Building blocks of model-structured networks: local models over evenly spaced centres, and decaying FIR filters."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .parameter import Prior
 
 
 def memberships(x: Symbol, centres: Sequence[float]) -> list[Symbol]:
-    """Piecewise linear activations psi_j(x): 1 at the own centre, 0 at the neighbours', summing to 1 everywhere.
+    """Piecewise linear activations psi_j(x): 1 at centre j, 0 at its neighbours, summing to 1 everywhere.
 
     Beyond the outermost centres the outermost activation stays 1.
     Source: Mungiello et al., Vehicle dynamics learning from physics priors, Eq. 4 and Fig. 2b.
@@ -39,7 +39,7 @@ def over(values: Array, count: int, symmetric: bool = False) -> tuple[float, ...
     if symmetric:
         high = max(abs(low), abs(high))
         low = -high
-    if high - low < 1e-6:  # a dead channel: any centres will do, but they must differ
+    if high - low < 1e-6:  # a constant channel: centres are arbitrary, but must differ
         low, high = low - 1.0, high + 1.0
     return evenly(low, high, count)
 
@@ -60,7 +60,7 @@ def _increasing(centres: Sequence[float], what: str) -> None:
 
 
 def fading(length: int, samples: float = 3.0) -> Array:
-    """An impulse response that fades over `samples` samples, oldest first, with unit gain."""
+    """An impulse response that decays with a time constant of `samples` samples, oldest first, with unit gain."""
     if length < 1:
         raise BadInput(
             "A window holds at least the newest sample, so the number of samples before it must be 0 or "
@@ -73,10 +73,10 @@ def fading(length: int, samples: float = 3.0) -> Array:
 def fading_prior(
     length: int, sd: float, decay: float, axes: int, mean: float | None = None, strength: str = ""
 ) -> Prior:
-    """Tuned/correlated prior on impulse responses that lie along the last of `axes` axes, oldest sample first.
+    """Tuned/correlated prior on impulse responses along the last of `axes` axes, oldest sample first.
 
-    The covariance of ages i and j is sd^2 min(decay^i, decay^j): independent steps that shrink with age, and a
-    response that is gone when it is old. Source: Chen, Ohlsson & Ljung, Automatica 48 (2012) 1525, kernel TC.
+    The covariance of ages i and j is sd^2 min(decay^i, decay^j): independent increments that shrink with age, and a
+    response that vanishes with age. Source: Chen, Ohlsson & Ljung, Automatica 48 (2012) 1525, kernel TC.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is known about a number, or an array of numbers: as a model holds it, and as engineers state it."""
+"""Parameters, scalar or array: as a model holds them with prior and bounds, and as engineers state them."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ SCOPES = ("model", "run")
 
 @dataclass(frozen=True)
 class Stated:
-    """One number as engineers state it: its value in the SI unit of what it stands for, how well it is known, by whom.
+    """One number as engineers state it: value in the SI unit of its quantity, uncertainty, limits and source.
 
     Attributes
     ----------
     value : the number; None for a tolerance about an effect's null value.
-    sd : how well it is known, one standard deviation; None where nothing is said.
-    min, max : what it can be at all; None where nothing is said.
-    source : who says so.
+    sd : its standard deviation; None if not stated.
+    min, max : limits of its possible values; None if not stated.
+    source : of the number.
 
     Raises
     ------
-    BadInput : the value is no finite number, sd is negative, or min is above max.
+    BadInput : the value is not a finite number, sd is negative, or min is above max.
 
     Examples
     --------
@@ -60,28 +60,28 @@ class Stated:
 
     @property
     def plain(self) -> bool:
-        """Whether nothing but the number is stated."""
+        """Whether only the value is stated."""
         return self.sd is None and self.min is None and self.max is None
 
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known before the recording is seen: independent Gaussians, and their smoothness.
+    """Prior of a parameter: independent Gaussians, and smoothness of arrays.
 
     Attributes
     ----------
     sd : standard deviation of each entry about its mean, in the parameter's unit; a scalar or an array that
-        broadcasts to the parameter's shape, infinite where an entry is free.
+        broadcasts to the parameter's shape, infinite for an unconstrained entry.
     mean : scalar or array of the parameter's shape; None takes the parameter's nominal value.
-    step_sd : for arrays, standard deviation of the difference between neighbours along each axis,
-        measured about the mean's own difference; a scalar, or an array that broadcasts to the shape of the
-        differences; None along an axis leaves it free.
-    strength : name of the strength that scales this prior and is chosen by cross-validation; empty if
-        the prior is knowledge and no tuning knob.
+    step_sd : for arrays, standard deviation of the difference between neighbours along each axis, relative to the
+        mean's difference; a scalar, or an array that broadcasts to the shape of the differences; None for no
+        smoothness along an axis.
+    strength : name of the factor that scales this prior as a regulariser and is chosen by cross-validation; empty if
+        the prior is knowledge, not to be tuned.
 
     Raises
     ------
-    BadInput : a standard deviation is not above zero, or the mean is no number.
+    BadInput : a standard deviation is not positive, or the mean is not a number.
 
     Examples
     --------
@@ -113,7 +113,7 @@ class Prior:
 
 
 def _numbers(value: ArrayLike, where: str) -> Array:
-    """A value as an array; a sentence where it holds something else than numbers."""
+    """A value as an array. Raises `BadInput` if it is not numeric."""
     try:
         return np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
@@ -122,7 +122,7 @@ def _numbers(value: ArrayLike, where: str) -> Array:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A named number or array of numbers with its unit and what is known of it.
+    """A named number or array of numbers with its unit, bounds and prior.
 
     Attributes
     ----------
@@ -130,18 +130,18 @@ class Parameter:
     unit : SI unit in pint's spelling, "1" when there is none.
     value : nominal value, a number or an array.
     bounds : lowest and highest admissible value of every entry.
-    prior : what is known before the data; None for none.
-    fixed : whether fitting leaves it alone.
-    scope : "model", one value for everything; "run", one value per unbroken run (a nuisance such as a
-        timing offset); new runs take the mean over the training runs.
+    prior : knowledge before the data; None for none.
+    fixed : whether fitting holds it.
+    scope : "model", one value for all data; "run", one value per run (a nuisance parameter such as a timing offset);
+        new runs take the mean over the training runs.
     about : meaning, for people.
-    source : where the nominal value comes from.
+    source : of the nominal value.
     axes : for local models, the signal along each leading axis of the value and its centres, in the SI unit.
-    null : of the magnitude of an effect, the value at which it changes nothing; None for all other parameters.
+    null : of the magnitude of an effect, the value without effect; None for all other parameters.
 
     Raises
     ------
-    BadInput : the value is no number or outside the bounds, or the prior is of another shape than the value.
+    BadInput : the value is not a number or outside the bounds, or the shapes of prior and value differ.
 
     Examples
     --------
@@ -190,7 +190,7 @@ class Parameter:
         return low, high
 
     def _must_suit(self, prior: Prior | None) -> None:
-        """Raise `BadInput` where a prior is none, or of another shape than the value."""
+        """Raise `BadInput` if a prior is not a `Prior`, or its shape does not fit the value."""
         if prior is None:
             return
         if not isinstance(prior, Prior):
@@ -218,21 +218,21 @@ class Parameter:
 
     @property
     def array(self) -> Array:
-        """The nominal value as an array of its own shape (shape () for a number)."""
+        """The nominal value as an array; shape () for a scalar."""
         return np.asarray(self.value, dtype=float)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the value; () for a number."""
+        """Shape of the value; () for a scalar."""
         return self.array.shape
 
     @property
     def size(self) -> int:
-        """How many numbers it holds."""
+        """Number of entries."""
         return self.array.size
 
     def with_value(self, value: ArrayLike) -> Parameter:
-        """The same parameter at another value of the same shape; its prior stays where it was."""
+        """The same parameter at another value of the same shape; its prior is unchanged."""
         new = np.asarray(value, dtype=float)
         if new.shape != self.shape:
             raise BadInput(f"Parameter {self.name} has shape {self.shape}; a value of shape {new.shape} was given.")
@@ -250,13 +250,13 @@ def _broadcasts(shape: tuple[int, ...], to: tuple[int, ...]) -> bool:
 
 
 def pack(parameters: Iterable[Parameter]) -> Array:
-    """Values of several parameters as one vector, in order, arrays row by row."""
+    """Values of several parameters as one vector, in order, arrays in row-major order."""
     values = [parameter.array.ravel() for parameter in parameters]
     return np.concatenate(values) if values else np.empty(0)
 
 
 def placed(parameters: Iterable[Parameter]) -> Iterator[tuple[Parameter, slice]]:
-    """Each parameter, and where its numbers stand in a vector laid out as by `pack`."""
+    """Each parameter, with the slice of its entries in a vector as returned by `pack`."""
     start = 0
     for parameter in parameters:
         yield parameter, slice(start, start + parameter.size)
@@ -264,10 +264,10 @@ def placed(parameters: Iterable[Parameter]) -> Iterator[tuple[Parameter, slice]]
 
 
 def free_places(parameters: Iterable[Parameter]) -> dict[str, int]:
-    """Name -> place in such a vector, of the parameters that are free and single numbers."""
+    """Name -> index in such a vector, of free scalar parameters."""
     return {item.name: place.start for item, place in placed(parameters) if item.shape == () and not item.fixed}
 
 
 def unpack(parameters: Iterable[Parameter], vector: Array) -> tuple[Parameter, ...]:
-    """The parameters with the values of a vector laid out as by `pack`."""
+    """The parameters with the values of a vector as returned by `pack`."""
     return tuple(item.with_value(vector[place].reshape(item.shape)) for item, place in placed(parameters))

@@ -1,6 +1,6 @@
 """Models and effects by name, and how to build them from plain data.
 
-One's own are named by the file they stand in, FILE.py:NAME. Naming a file runs it: only a person may do so.
+A user's models and effects are named by their file, FILE.py:NAME. Naming a file runs it: only a person may do so.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ __all__ = [
 ]
 
 Magnitudes = Mapping[str, float | Stated | None]
-"""Effect name -> its magnitude, held; None leaves it free, starting at its typical value; what is stated of it."""
+"""Effect name -> magnitude to hold it at; None to estimate it from its typical value; or a `Stated`."""
 
 
 def _as_they_are(settings: Any, recording: Recording) -> Any:
@@ -108,7 +108,7 @@ class SingleTrackSettings(TyreSettings):
     Attributes
     ----------
     drive : one of `DRIVES`.
-    brake : one of `BRAKES`; "auto" takes what the recording has.
+    brake : one of `BRAKES`; "auto" chooses by the recording.
     """
 
     drive: str = "linear"
@@ -121,7 +121,7 @@ class SingleTrackSettings(TyreSettings):
 
 @dataclass(frozen=True)
 class DriveSettings:
-    """Hyperparameters of the longitudinal model; as of `SingleTrackSettings`."""
+    """Hyperparameters of the longitudinal model; as in `SingleTrackSettings`."""
 
     drive: str = "linear"
     brake: str = "auto"
@@ -131,18 +131,18 @@ class DriveSettings:
 
 
 def _drives(settings: SingleTrackSettings | DriveSettings) -> None:
-    """Raise `BadInput` for a drive or a brake there is not."""
+    """Raise `BadInput` for an unknown drive or brake."""
     for what, value, known in (("drive", settings.drive, DRIVES), ("brake", settings.brake, ("auto", *BRAKES))):
         if value not in known:
             raise BadInput(f"There is no {what} {value!r}; choose one of {', '.join(known)}.{near(value, known)}")
 
 
 NEGATIVE = 0.01
-"""Share of rows with a negative throttle from which that is the brake."""
+"""Share of rows with a negative throttle from which negative throttle is the brake."""
 
 
 def _braked(settings: SingleTrackSettings | DriveSettings, recording: Recording) -> Any:
-    """Settings with the brake that a recording has: of its own, or the negative part of a throttle."""
+    """Settings with the recording's brake: a separate signal, or the negative part of a throttle."""
     if settings.brake != "auto":
         return settings
     brake, throttle = (recording.signals.get(name, np.zeros(1)) for name in ("brake", "throttle"))
@@ -157,15 +157,15 @@ def _brake(settings: SingleTrackSettings | DriveSettings) -> str:
 
 @dataclass(frozen=True)
 class ModelEntry:
-    """How a model is made.
+    """Constructor of a model.
 
     Attributes
     ----------
     settings : dataclass of its hyperparameters.
     make : settings -> model.
-    alternatives : settings as plain data as a user gave them -> settings that cross-validation may choose between.
-    covering : settings, training recording -> settings that cover its range, where they were left open.
-    own : a model of one's own, which has the settings that it has.
+    alternatives : the user's settings as plain data -> settings among which cross-validation may choose.
+    covering : settings, training recording -> settings with open values set to cover its range.
+    own : a user's model, whose settings are fixed.
     """
 
     settings: type[Any]
@@ -214,11 +214,11 @@ def build(
     effects: Magnitudes | None = None,
     vehicle: Vehicle | None = None,
 ) -> Model:
-    """A model from its name and its settings as plain data, with a vehicle's numbers and with effects added to it.
+    """A model by name and settings as plain data, with a vehicle's values and with effects added.
 
     Raises
     ------
-    BadInput : there is no such model, setting or effect, or a number cannot be used.
+    BadInput : there is no such model, setting or effect, or a number is not valid.
     """
     return _completed(_entry(name).made(settings or {}), effects, vehicle)
 
@@ -230,7 +230,7 @@ def prepared(
     effects: Magnitudes | None = None,
     vehicle: Vehicle | None = None,
 ) -> Model:
-    """A model for a training recording: hyperparameters left open are set to cover the recording's range."""
+    """A model for a training recording: open hyperparameters are set to cover the recording's range."""
     entry = _entry(name)
     if entry.own is not None:
         return build(name, settings, effects, vehicle)
@@ -249,13 +249,13 @@ def candidates(
     effects: Magnitudes | None = None,
     vehicle: Vehicle | None = None,
 ) -> list[Model]:
-    """The models of that name that differ in what the settings leave open; one where they leave nothing open."""
+    """The models of that name that differ in what the settings leave open; a single one if nothing is open."""
     open_to = _entry(name).alternatives(settings or {})
     return [prepared(name, recording, chosen, effects, vehicle) for chosen in open_to]
 
 
 def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
-    """The model that a vehicle's file says describes it best, effects included; `otherwise` where that is open."""
+    """The model in a vehicle's file, including effects; `otherwise` if the file has none."""
     chosen = vehicle.model
     if chosen is None:
         return build(otherwise, vehicle=vehicle)
@@ -263,7 +263,7 @@ def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
 
 
 def motion_model_of(vehicle: Vehicle) -> MotionModel:
-    """The model of a vehicle, one of motion. Raises `BadInput` where it has one of another kind."""
+    """The motion model of a vehicle. Raises `BadInput` if it is of another kind."""
     model = model_of(vehicle)
     return must_be(
         MotionModel, model, f"{vehicle.name}: its model {model.name} has no equations of motion; name single_track."
@@ -271,24 +271,24 @@ def motion_model_of(vehicle: Vehicle) -> MotionModel:
 
 
 def vehicle_parameters() -> tuple[str, ...]:
-    """Parameters that equations of motion know, on any tyre, and effects as second ones: what a vehicle may state."""
+    """Parameters of motion models with any tyre, and second parameters of effects: those that a vehicle may state."""
     tyres = (parameter for tyre in TYRES.values() for axle in "fr" for parameter in tyre.parameters(axle))
     known = (*BODY, *DRIVE, *tyres, *MOTOR, *BRAKE, *ROLLING, *PARAMETERS, *TURNING)
     return tuple(dict.fromkeys((*(parameter.name for parameter in known), *_seconds())))
 
 
 SHIPPED = frozenset((*MODELS, *EFFECTS))
-"""Names that only what greybox-id ships may have."""
+"""Names reserved for models and effects that greybox-id ships."""
 POINTS = ("greybox_id.models", "greybox_id.effects")
-"""Groups of entry points by which installed packages bring models and effects."""
+"""Groups of entry points by which installed packages provide models and effects."""
 
 
 def register(model: Model | Effect) -> str:
-    """Let a model or an effect of one's own be known by its name from now on; the name.
+    """Register a user's model or effect under its name; returns the name.
 
     Raises
     ------
-    BadInput : something shipped has the name.
+    BadInput : the name is reserved.
     """
     if not isinstance(model, Model | Effect):
         raise BadInput(f"A model or an effect is needed, not {model!r:.60}.")
@@ -304,11 +304,11 @@ def register(model: Model | Effect) -> str:
 
 @contextmanager
 def known(*value: Model | Effect) -> Iterator[None]:
-    """Let models and effects be known by their names for a while: those of a fit that is loaded, reported, exported.
+    """Register models and effects temporarily: those of a fit that is loaded, reported or exported.
 
-    What is shipped stays what it is: of a model with effects, the equations alone are asked for by its name.
+    Shipped names are never replaced: under the name of a model with effects, the registry keeps the equations alone.
     """
-    install()  # once: what it finds stays known
+    install()  # first, since its registrations are permanent
     models, effects = dict(MODELS), dict(EFFECTS)
     try:
         for one in value:
@@ -324,12 +324,12 @@ def known(*value: Model | Effect) -> Iterator[None]:
 
 @cache
 def install() -> None:
-    """Make models and effects known that installed packages bring by entry points; those that fail with a warning."""
+    """Register models and effects of installed packages by entry points; those that fail raise a warning."""
     for group in POINTS:
         for point in entry_points(group=group):
             try:
                 register(point.load())
-            except Exception as error:  # whatever a package does, the others are to be had
+            except Exception as error:  # an error in one package must not affect the others
                 warnings.warn(f"{group} {point.name} ({point.value}) cannot be used: {error}", stacklevel=2)
 
 
@@ -342,9 +342,9 @@ def _entry(name: str) -> ModelEntry:
 
 
 def with_effects(model: AnyModel, effects: Magnitudes) -> AnyModel:
-    """The model with those effects added that it has not yet.
+    """The model with those of the effects that it does not have yet.
 
-    Raises `BadInput` for an effect there is not, or a magnitude that cannot be used.
+    Raises `BadInput` for an unknown effect, or a magnitude that is not valid.
     """
     for name, magnitude in effects.items():
         if name not in model.effects:
@@ -387,12 +387,12 @@ _PLACE = re.compile(r"(.+\.py):([^\W\d]\w*)")
 
 
 def is_place(text: str) -> bool:
-    """Whether a text names something in a file of one's own: my_car.py:my_model."""
+    """Whether a text names an object in a user's file: my_car.py:my_model."""
     return _PLACE.fullmatch(text) is not None
 
 
 def own_model(place: str) -> Model:
-    """The model of that name in a file, made known by its own name.
+    """The model of that name in a file, registered under its own name.
 
     Parameters
     ----------
@@ -400,7 +400,7 @@ def own_model(place: str) -> Model:
 
     Raises
     ------
-    BadInput : the file is not there or does not run, or it has no model of that name.
+    BadInput : the file does not exist or fails to run, or it has no model of that name.
     """
     result = _named(place)
     made = result if isinstance(result, Model) or not callable(result) else _called(result, place)
@@ -413,7 +413,7 @@ def own_model(place: str) -> Model:
 
 
 def own_effect(place: str) -> Effect:
-    """The effect of that name in a file, made known by its own name. Raises `BadInput` as `own_model` does."""
+    """The effect of that name in a file, registered under its own name. Raises `BadInput` as `own_model` does."""
     result = _named(place)
     if not isinstance(result, Effect):
         raise BadInput(
@@ -425,7 +425,7 @@ def own_effect(place: str) -> Effect:
 
 
 def own(place: str) -> Model | Effect:
-    """The model or the effect of that name in a file, made known. Raises `BadInput` as `own_model` does."""
+    """The model or effect of that name in a file, registered. Raises `BadInput` as `own_model` does."""
     return own_effect(place) if isinstance(_named(place), Effect) else own_model(place)
 
 
@@ -444,7 +444,7 @@ def _named(place: str) -> object:
 
 
 def _loaded(file: Path) -> ModuleType:
-    """The file run as a module, once for each content."""
+    """The file executed as a module, once per content."""
     try:
         content = file.read_bytes()
     except OSError as error:
@@ -479,7 +479,7 @@ def _called(function: object, place: str) -> object:
 
 
 def _line_of(error: BaseException, file: Path) -> str:
-    """The line of the file at which it went wrong."""
+    """The line of the file at which the error occurred, in words."""
     if isinstance(error, SyntaxError):
         return f", line {error.lineno}"
     line, trace = None, error.__traceback__

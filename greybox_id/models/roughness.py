@@ -1,7 +1,7 @@
-"""What equations of a stated vehicle leave out whoever writes them, each with one number and a belief about it.
+"""Model errors of the equations of a stated vehicle, each with one parameter and a prior.
 
-A vehicle file states its tolerances for a model that is simpler than a vehicle; where it does, these stand beside them.
-They are no effects of the vocabulary: that a car has four wheels is no gap.
+A vehicle file states tolerances for a model that is simpler than the vehicle; these parameters are added to them. They
+are not in the vocabulary of effects: that a car has four wheels is not a gap.
 """
 
 from __future__ import annotations
@@ -23,29 +23,30 @@ from .vehicle import Vehicle
 
 GROUP = "roughness"
 FORM_SD = 0.01
-"""Of a force, relative to it, in one regime: what a fit of a single track leaves of vehicles with four wheels."""
+"""Prior sd of a force's relative error in one regime: residual of single-track fits to vehicles with four wheels."""
 TRACK_SD = 0.5
-"""Of how much of the moment of steered wheels there is: none on a single track; all of it where the wheels of the axle
-share its lateral force as they share its load."""
+"""Prior sd of the share of the steered wheels' moment that acts: none on a single track; all of it if the wheels of the
+axle share its lateral force as they share its load."""
 HARD = 3.0
-"""Times the usual drive, at which an error that grows with its square is as large as one that grows with itself."""
+"""Drive in units of the usual one at which an error that grows with its square equals one that grows linearly."""
 POWER_SD, BALANCE_SD = 0.5, 0.3
-"""Of the power with which longitudinal forces take from lateral ones: between ellipses, 2, and Burckhardt's tyres, 1;
-and of how much of its friction an axle uses for them: curves that end at .8 of their D, and loads that move by .2."""
+"""Prior sd of the exponent of combined slip, between ellipses, 2, and Burckhardt's tyres, 1; and of the axles' balance
+of the friction used: curves that end at .8 of their D, and loads that shift by .2."""
 DRAG_SD = 0.1
-"""Of the power of speed that resistance has beside the stated one: air drag goes with v^1.8 to v^2 (rolling resistance
-with v^0 to v^0.2)."""
+"""Prior sd of the additional exponent of speed in resistance: air drag goes with v^1.8 to v^2 (rolling resistance with
+v^0 to v^0.2)."""
 
 
 def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]) -> AnyModel:
-    """The model with what its form leaves out, as far as numbers are stated with tolerances which that would change.
+    """The model with its model errors, for those parameters that are stated with tolerances which the errors would
+    affect.
 
     Parameters
     ----------
     model : with the vehicle's tolerances.
     vehicle : what is stated.
-    usual : of a recording: "speed" at which resistance is as stated, m/s, and root mean squares of "steer", rad, and
-        "drive", of its own unit.
+    usual : of a recording: "speed" at which resistance has its stated value, m/s, and root mean squares of "steer",
+        rad, and "drive", in its own unit.
     """
     stated = {name for name, value in vehicle.values.items() if value.sd is not None}
     for rough, by in ((steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
@@ -59,7 +60,7 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
 
 
 def _regimes(usual: Mapping[str, float]) -> list[Effect]:
-    """Errors of a force, relative to it, that grow with steering, lateral acceleration, speed, drive or braking."""
+    """Relative errors of a force in proportion to steering, lateral acceleration, speed, drive or braking."""
     sizes: dict[str, tuple[Callable[[Quantities], Symbol], tuple[str, ...]]] = {
         "steer": (lambda q: cs.fabs(q.u.steer) / q.p.usual_steer, ("steer",)),
         "turning": (lambda q: cs.fabs(speed(q) * q.x.yaw_rate) / G, ("v_x", "yaw_rate")),
@@ -102,12 +103,12 @@ def _altering(changes: Mapping[str, Callable[[Symbol, Quantities], Symbol]]) -> 
 
 
 def steered_wheels() -> Effect:
-    """The loaded outer front wheel, steered, drags on its side and turns the car back.
+    """The steered outer front wheel carries more load, drags on its side and turns the car back.
 
-    Wheels at -/+ track / 2 with lateral forces F_yf / 2 (1 +/- 2 transfer / F_zf), turned by the steering angle: their
-    components along the car differ, and M_z = -track sin(steer) F_yf transfer / F_zf, in which the transfer
-    s m a_y h_cg / track leaves no track (s: the front axle's share). Rajamani, Vehicle Dynamics and Control, 2nd ed.,
-    Sec. 8.2, where it stands in the yaw moment as the difference of the front wheels' longitudinal components.
+    Wheels at -/+ track / 2 with lateral forces F_yf / 2 (1 +/- 2 transfer / F_zf), rotated by the steering angle: their
+    longitudinal components differ, and M_z = -track sin(steer) F_yf transfer / F_zf, in which the transfer
+    s m a_y h_cg / track cancels the track (s: the front axle's share). Rajamani, Vehicle Dynamics and Control, 2nd ed.,
+    Sec. 8.2: in the yaw moment, the difference of the front wheels' longitudinal components.
     """
 
     def turned_back(M_z: Symbol, q: Quantities) -> Symbol:
@@ -129,7 +130,7 @@ def steered_wheels() -> Effect:
 
 
 def combined_slip() -> list[Effect]:
-    """How longitudinal forces take from lateral ones, should they; read by the effect combined_slip."""
+    """Exponent and balance of combined slip, read by the effect combined_slip."""
     power = Parameter(
         COMBINED_POWER, "1", 0.0, (-0.5, 1.0), prior=Prior(POWER_SD), about="two minus the exponent of combined slip"
     )
@@ -149,7 +150,7 @@ def combined_slip() -> list[Effect]:
 
 
 def _bent(coefficient: str, usual_speed: float) -> Effect:
-    """Resistance with a slightly different power of speed, to first order about the usual one."""
+    """Resistance with a slightly different exponent of speed, linearised about the usual speed."""
     name = f"power_of_{coefficient}"
 
     def bent(value: Symbol, q: Quantities) -> Symbol:
@@ -168,5 +169,5 @@ def _bent(coefficient: str, usual_speed: float) -> Effect:
     )
     return Effect(
         name, entry, (coefficient,), lambda model: model.altered(**{coefficient: bent}), group=GROUP, needs=("v_x",),
-        others=(usual,),  # a number in the equations would have every recording compile its own
+        others=(usual,),  # as a constant it would force a compilation for every recording
     )  # fmt: skip

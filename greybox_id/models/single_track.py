@@ -1,25 +1,26 @@
-"""Single-track models: with three degrees of freedom, lateral at a measured speed, kinematic; and a body that rolls.
+"""Single-track models: three degrees of freedom, lateral at a measured speed, kinematic; optionally with body roll.
 
 ISO 8855 axes. `single_track` has the states v_x, v_y [m/s] and yaw_rate [rad/s]; inputs steer [rad] at the road wheels
-and drive (N, m/s^2, A or a throttle, whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2
-v_x^2 resists the motion. `lateral` takes the speed as an input and leaves longitudinal forces out.
+and drive (N, m/s^2, A or a throttle, whichever is recorded). F_z is the static load of an axle; c_0 + c_1 v_x + c_2
+v_x^2 resists the motion. `lateral` takes the speed as an input and omits longitudinal forces.
 Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 2.3 and 4.1, with nonlinear tyres.
 
-A body may roll on its springs: roll angle and roll rate, which a gyro reads, follow from
+The body may roll on its springs: roll angle and roll rate, which a gyro reads, follow from
 
     (I_x + m h_cg^2) roll'' = m h_cg (a_y + g roll) - roll_stiffness roll - roll_damper roll'
 
-about an axis on the road, positive where the left side rises, as it does in a left turn. Springs are stated in N m/rad,
-so that how far and how fast a body rolls tells its mass, which lateral motion alone tells only together with the
-tyres' forces. An accelerometer on the body reads g roll more and h_cg roll'' less of a_y, as one of `roll_dynamics`
-does, which is the same body by its roll gradient and natural frequency. Source: Rajamani, Sec. 15.2.
+about an axis on the road, positive if the left side rises, as in a left turn. Springs are stated in N m/rad, so that
+amplitude and frequency of roll identify the mass, which lateral motion alone identifies only in combination with the
+tyres' forces. An accelerometer on the body reads a_y + g roll - h_cg roll'', as with the effect `roll_dynamics`, which
+parametrises the same body by its roll gradient and natural frequency. Source: Rajamani, Sec. 15.2.
 
 In `kinematic`, whose rear wheels do not slip (v_y = l_r yaw_rate), the yaw rate settles at
 
     yaw_rate = v_x tan(steer_gain steer) / (L + K_us v_x^2),   L = l_f + l_r
 
-with the time constant yaw_lag. With K_us = 0 it is the purely kinematic model. Below zero the vehicle oversteers, up to
-a critical speed at which the equation ends: L + K_us v_x^2 stays above a tenth of L. Source: Rajamani, Sec. 2.2, 3.3.
+with the time constant yaw_lag. With K_us = 0 it is the purely kinematic model. With K_us < 0 the vehicle oversteers and
+has a critical speed, which the equation does not reach: L + K_us v_x^2 is at least a tenth of L. Source: Rajamani,
+Sec. 2.2, 3.3.
 """
 
 from __future__ import annotations
@@ -66,15 +67,15 @@ MOTOR = (
         "motor_damping", "N s/m", 0.0, (0.0, 1e5), about="loss of force at full drive per unit of speed (back-EMF)"
     ),
 )
-"""What the drive "motor" has beside `DRIVE`."""
+"""Additional parameters of the drive "motor"."""
 BRAKE = (Parameter("brake_per_unit", "N/unit", 3000.0, (0.0, 1e6), about="braking force per unit of the brake signal"),)
-"""What a brake beside the drive has."""
+"""Additional parameter of a brake separate from the drive."""
 DRIVES = ("linear", "motor")
 BRAKES = ("drive", "negative", "separate")
 
 STATES = (
     State("v_x", "m/s", 1.0),
-    State("v_y", "m/s", 0.3, start=lambda x, u, p: p.l_r * x.yaw_rate),  # rear wheels that do not slip
+    State("v_y", "m/s", 0.3, start=lambda x, u, p: p.l_r * x.yaw_rate),  # no slip at the rear wheels
     State("yaw_rate", "rad/s", 0.1),
 )
 
@@ -85,9 +86,9 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear", brake: str = "driv
     Parameters
     ----------
     tyre : lateral force over slip angle and load.
-    drive : "linear", a force in proportion to the drive signal; "motor", as `motor_force` has it.
-    brake : "drive", negative drive brakes as strongly as positive drive pulls; "negative", with a strength of its own;
-        "separate", a brake beside the drive is a further input.
+    drive : "linear", a force proportional to the drive signal; "motor", see `motor_force`.
+    brake : "drive", negative drive brakes as strongly as positive drive pulls; "negative", it brakes with a separate
+        gain; "separate", the brake is a further input.
     """
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
@@ -155,23 +156,23 @@ def _slip(q: Quantities, x: Namespace, steer: Symbol, v_x: Symbol, p: Namespace,
 
 
 def not_usual(drive: str, brake: str) -> dict[str, str]:
-    """Settings of drive and brake, as far as they are not the usual ones."""
+    """Settings of drive and brake that differ from the default."""
     return ({"drive": drive} if drive != "linear" else {}) | ({"brake": brake} if brake != "drive" else {})
 
 
 def motor_force(drive: Symbol, v_x: Symbol, p: Namespace) -> Symbol:
     """Force of a motor under a controller of its voltage, N.
 
-    A share u of the full voltage drives a current in proportion to u less the voltage that the motor induces, over the
-    share of time that the voltage is there: (force_per_unit - motor_damping |v_x|) u, with u beyond the dead band.
-    Against the motion (u < 0) it brakes with force_per_unit alone. Source: Lyons et al., DART, 2024 (motor model).
+    A share u of the full voltage drives a current proportional to u less the induced voltage, for the share of time in
+    which the voltage is applied: (force_per_unit - motor_damping |v_x|) u, with u beyond the dead band. Against the
+    motion (u < 0) it brakes with force_per_unit alone. Source: Lyons et al., DART, 2024 (motor model).
     """
     beyond = drive - cs.fmin(cs.fmax(drive, -p.dead_band), p.dead_band)
     return p.force_per_unit * beyond - p.motor_damping * cs.fabs(v_x) * cs.fmax(beyond, 0)
 
 
 def combinations(tyre: Tyre) -> tuple[Combination, ...]:
-    """What lateral motion tells better than single parameters."""
+    """Quantities that lateral motion identifies better than single parameters."""
 
     def slope(p: Namespace, suffix: str) -> Symbol:
         other = p.l_r if suffix == "f" else p.l_f
@@ -200,7 +201,7 @@ ROLLING = (
 
 
 def with_roll(model: MotionModel) -> MotionModel:
-    """The model with a body that rolls, and its roll rate as an output.
+    """The model with a rolling body, and its roll rate as an output.
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def with_roll(model: MotionModel) -> MotionModel:
 
 
 def must_stand(model: Model) -> None:
-    """Raise `BadInput` where a body that rolls has no equilibrium: its weight tips it further than springs hold."""
+    """Raise `BadInput` if a rolling body has no equilibrium: gravity exceeds the stiffness of the springs."""
     if model.settings.get("body") != "rolling":
         return
     stiffness, m, h_cg = (float(model[name].array) for name in ("roll_stiffness", "m", "h_cg"))
@@ -279,7 +280,7 @@ def lateral(tyre: Tyre = pacejka) -> MotionModel:
 
 
 LEAST_SHARE = 0.1
-"""L + K_us v_x^2 is not less than this share of L."""
+"""Lower bound of L + K_us v_x^2 as a share of L."""
 
 TURNING = (
     *(parameter for parameter in BODY if parameter.name in ("l_f", "l_r")),
@@ -287,12 +288,12 @@ TURNING = (
     Parameter("yaw_lag", "s", 0.1, (0.005, 2.0), about="time constant of the yaw rate"),
     Parameter("K_us", "rad s^2/m", 0.0, (-0.05, 0.2), about="understeer gradient"),
 )
-"""What the kinematic model has; the last only where it understeers."""
+"""Parameters of the kinematic model; the last one only with understeer."""
 
 
 @dataclass(frozen=True)
 class KinematicSettings:
-    """What of the kinematic model is there.
+    """Hyperparameters of the kinematic model.
 
     Attributes
     ----------

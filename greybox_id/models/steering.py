@@ -1,9 +1,9 @@
-"""Steering actuator: the road-wheel angle that lags its command, first order with a gain and an offset.
+"""Steering actuator: the road-wheel angle follows its command with a first-order lag, a gain and an offset.
 
     d(steer_measured)/dt = (gain steer + offset - steer_measured) / lag
 
 State steer_measured [rad]; input steer [rad], the command. A delay, a rate limit or play are effects.
-It is the first-order system that textbooks on control put for a position-controlled drive whose dominant pole is real.
+The first-order system is the textbook model of a position-controlled drive whose dominant pole is real.
 """
 
 from __future__ import annotations

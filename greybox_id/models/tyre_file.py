@@ -1,7 +1,7 @@
 """Tyre property files (.tir) of the Magic Formula 5.2, 6.1 and 6.2: lines KEY = number under [SECTIONS].
 
-What is read is pure lateral slip at no camber and nominal pressure, at a wheel load. Source: Pacejka, Tire and Vehicle
-Dynamics, 3rd ed., Sec. 4.3.2, Eq. 4.E19 to 4.E30, of which 5.2 is the case PKY4 = 2 without pressure.
+Only pure lateral slip at zero camber and nominal pressure is read, at a wheel load. Source: Pacejka, Tire and Vehicle
+Dynamics, 3rd ed., Sec. 4.3.2, Eq. 4.E19 to 4.E30; 5.2 is the special case PKY4 = 2 without pressure.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ DEFAULTS = {
     "PKY2": 1.0, "PKY4": 2.0, "PEY1": 0.0, "PEY2": 0.0, "PDY2": 0.0, "PHY1": 0.0, "PHY2": 0.0, "PVY1": 0.0, "PVY2": 0.0,
     "LFZO": 1.0, "LCY": 1.0, "LMUY": 1.0, "LEY": 1.0, "LKY": 1.0, "LHY": 1.0, "LVY": 1.0,
 }  # fmt: skip
-"""What a file need not say."""
+"""Values of coefficients that a file may omit."""
 NEEDED = ("FNOMIN", "PCY1", "PDY1", "PKY1")
 SIDES = ("left", "right", "symmetric")
 LOADS = (0.5, 1.5)
-"""Wheel loads over the nominal one between which wheels work in bends: half of the load shifted to the other side."""
+"""Range of wheel loads in bends over the nominal load: half of the load is transferred to the other side."""
 DIGITS = 12
-"""Significant digits to which coefficients are computed: they come back the same from a file they are written to."""
+"""Significant digits of computed coefficients: few enough that writing and reading a file returns the same ones."""
 BELT = 0.3
-"""Standard deviation of a road's friction as a share of the test belt's. Belts are clean and covered with abrasive
-paper: tyres grip them better than a road, which has two thirds of it within about one standard deviation."""
+"""Standard deviation of a road's friction relative to the test belt's. Belts are clean and covered with abrasive paper,
+which has more grip than a road: a road's friction, two thirds of the belt's, is about one standard deviation less."""
 TELLING = 0.01
-"""Relative change with load below which the load tells nothing of how well a coefficient is known."""
+"""Relative change with load below which no standard deviation of a coefficient is derived from the load."""
 _LINE = re.compile(r"\s*([A-Za-z_]\w{0,63})\s*=\s*('[^']*'|\"[^\"]*\"|[^\s$!]+)")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d{1,4})?")
 
@@ -68,10 +68,10 @@ class TyreFile:
 
     Attributes
     ----------
-    path : where it was read from.
+    path : of the file.
     version : of the Magic Formula, such as "6.1".
     numbers : KEY -> number.
-    side : that the tyre was measured for: "left", "right" or "symmetric"; empty where the file does not say.
+    side : the side for which the tyre was measured: "left", "right" or "symmetric"; empty if not stated.
     """
 
     path: str
@@ -81,12 +81,12 @@ class TyreFile:
 
     @property
     def nominal_load(self) -> float:
-        """LFZO FNOMIN, N, to which coefficients refer."""
+        """LFZO FNOMIN, N, the load to which coefficients refer."""
         return self._of("LFZO") * self.numbers["FNOMIN"]
 
     @property
     def ignored(self) -> tuple[str, ...]:
-        """What the file says of a tyre that a single track does not know, by what it is."""
+        """Contents of the file that a single track does not use, by subject."""
         held = {
             "longitudinal slip": ("PCX", "PDX", "PEX", "PKX", "PHX", "PVX"),
             "combined slip": ("RB", "RC", "RE", "RH", "RV"),
@@ -102,7 +102,7 @@ class TyreFile:
         )
 
     def at(self, load: float | None = None) -> PureLateral:
-        """Coefficients at a wheel load, N; by default the nominal one. Raises `BadInput` where there are none."""
+        """Coefficients at a wheel load, N, by default the nominal one. Raises `BadInput` if they are degenerate."""
         nominal = self.nominal_load
         F_z = nominal if load is None else load
         df = (F_z - nominal) / nominal
@@ -120,7 +120,7 @@ class TyreFile:
         S_v = (self._of("PVY1") + self._of("PVY2") * df) * self._of("LVY") * self._of("LMUY")
         if not K:
             raise BadInput(f"{self.path}: PKY1 and LKY give a cornering stiffness of zero; correct the file.")
-        # An even curve's sign is a convention: slip angles of such files are often those of the other side.
+        # The curve's sign is a convention: slip angles in such files often have the opposite sign.
         values = (abs(K / (C * D * F_z)), abs(C), abs(D), E, S_h, S_v if K > 0 else -S_v)
         if not all(abs(value) < LARGEST_NUMBER for value in values):
             raise BadInput(
@@ -131,9 +131,9 @@ class TyreFile:
     def stated(self) -> dict[str, Stated]:
         """B, C, D, E and the shifts of both axles at the nominal load, as a vehicle file states them.
 
-        Their standard deviation is half of what they change by between `LOADS`; none is stated where that is next to
-        nothing, and the number is where a fit starts. To that of D comes the friction of the belt, and of B with it,
-        since it is the stiffness B C D that a road changes least.
+        Their standard deviation is half of their change between `LOADS`; none is stated if that is negligible, and the
+        number is then only an initial value. The uncertainty of the belt's friction is added to that of D, and to that
+        of B as well, since the stiffness B C D depends least on the road.
         """
         here, apart = self.at(), [self.at(share * self.nominal_load) for share in LOADS]
         source = f"{Path(self.path).name}: Magic Formula {self.version} at {self.nominal_load:g} N"
@@ -147,10 +147,10 @@ class TyreFile:
         return result | self._shifts(here)
 
     def _shifts(self, here: PureLateral) -> dict[str, Stated]:
-        """Shifts of an axle: none where its tyres mirror each other, those of one where they do not.
+        """Shifts of an axle: zero with the size of one tyre's shift as uncertainty; none for symmetric tyres.
 
-        Ply steer keeps its side when a tyre is turned round, conicity does not; which of both a shift is, and how tyres
-        are mounted, no file says. A symmetric tyre has none.
+        Ply steer keeps its side when a tyre is reversed, conicity does not; no file states which of both a shift is, or
+        how tyres are mounted.
         """
         if self.side == "symmetric":
             return {}
@@ -172,7 +172,7 @@ def read_tyre_file(path: str | Path) -> TyreFile:
 
     Raises
     ------
-    BadInput : it cannot be read, is no such file, is too large, or a number in it is none.
+    BadInput : it cannot be read, is not such a file, is too large, or a value in it is not a number.
     """
     return parse_tyre_file(small_file(path, "tyre property file").decode("latin-1"), str(path))
 

@@ -1,6 +1,6 @@
-"""Tyre models: lateral force of an axle over slip angle and load, interchangeable in one word.
+"""Tyre models: lateral force of an axle over slip angle and load, selected by name.
 
-Each is F_y(alpha, F_z) of pure lateral slip with parameters per axle; C_alpha is in N/rad, D and mu are friction
+Each is F_y(alpha, F_z) for pure lateral slip with parameters per axle; C_alpha is in N/rad, D and mu are friction
 coefficients.
 """
 
@@ -18,9 +18,9 @@ from .model import Namespace, Symbol
 from .parameter import Parameter
 
 STEEPEST = 1.5
-"""Slip angle, rad, beyond which its tangent no longer grows; every tyre slides there."""
+"""Slip angle, rad, at which its tangent is clipped; every tyre slides there."""
 LEAST_FORCE = 1e-6
-"""Least friction force, N, that is divided by; a wheel may be off the ground."""
+"""Least friction force, N, in a denominator; a lifted wheel has none."""
 AXLES = {"f": "front", "r": "rear"}
 
 
@@ -30,11 +30,11 @@ class Tyre:
 
     Attributes
     ----------
-    name : the word it is called by.
+    name : of the tyre model.
     parameters : axle suffix ("f" or "r") -> its parameters, each named with that suffix: B_f.
     force : (alpha, F_z, p, grip, stiffness) -> F_y [N]; p are the axle's parameters without suffix, grip scales the
-        friction and stiffness the slope at zero slip, the peak unchanged; both are 1 nominally.
-    peak : (F_z, p, grip) -> the largest lateral force [N]; infinite where there is none.
+        friction, stiffness the slope at zero slip with the peak unchanged; both are nominally 1.
+    peak : (F_z, p, grip) -> largest lateral force [N]; infinite if there is none.
     slope : (F_z, p) -> cornering stiffness C_alpha at zero slip [N/rad].
     source : of the equations.
     """
@@ -54,7 +54,7 @@ def axle(p: Namespace, suffix: str) -> Namespace:
 
 
 def _tan_of_slip(alpha: Symbol) -> Symbol:
-    """Tangent of a slip angle, with its sign however far the vehicle has spun."""
+    """Tangent of a slip angle, clipped so that it keeps its sign for any angle."""
     return cs.tan(cs.fmin(cs.fmax(alpha, -STEEPEST), STEEPEST))
 
 
@@ -77,7 +77,7 @@ def _pacejka_force(alpha: Symbol, F_z: Symbol, p: Namespace, grip: Symbol, stiff
 
 
 def _pacejka_peak(F_z: Symbol, p: Namespace, grip: Symbol) -> Symbol:
-    """D F_z, or what its sine comes to as slip grows where C < 1: then the curve has no peak."""
+    """D F_z; for C < 1, where the curve has no maximum, its limit at large slip."""
     return grip * p.D * F_z * cs.sin(cs.fmin(p.C, 1) * (pi / 2))
 
 
@@ -115,19 +115,18 @@ linear = Tyre(
     slope=lambda F_z, p: p.C_alpha,
     source="Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 2.3",
 )
-"""F_y = C_alpha alpha. Without a limit of friction there is no peak for grip to scale; good to about 4 m/s^2 on a dry
-road."""
+"""F_y = C_alpha alpha. It has no friction limit that grip could scale; valid to about 4 m/s^2 on a dry road."""
 
 
 def _dugoff_force(alpha: Symbol, F_z: Symbol, p: Namespace, grip: Symbol, stiffness: Symbol) -> Symbol:
     """C_alpha tan(alpha) f(lambda), lambda = mu F_z / (2 C_alpha |tan(alpha)|).
 
-    f is (2 - lambda) lambda below one, else 1. Linear up to half the friction force, then bending towards mu F_z, which
-    it comes near and never reaches. The slope is continuous at lambda = 1.
+    f is (2 - lambda) lambda below one, else 1. Linear up to half the friction force, then approaching mu F_z
+    asymptotically. The slope is continuous at lambda = 1.
     """
     unlimited = p.C_alpha * stiffness * _tan_of_slip(alpha)
     half = _friction_force(F_z, p, grip) / 2
-    lambda_ = half / cs.fmax(cs.fabs(unlimited), cs.fmax(half, LEAST_FORCE))  # 1 where it is more than 1
+    lambda_ = half / cs.fmax(cs.fabs(unlimited), cs.fmax(half, LEAST_FORCE))  # clipped at 1
     return unlimited * (2 - lambda_) * lambda_
 
 
@@ -143,9 +142,9 @@ dugoff = Tyre(
 
 
 def _brush_force(alpha: Symbol, F_z: Symbol, p: Namespace, grip: Symbol, stiffness: Symbol) -> Symbol:
-    """mu F_z (3 z - 3 z |z| + z^3), z = C_alpha tan(alpha) / (3 mu F_z), until at |z| = 1 the whole patch slides.
+    """mu F_z (3 z - 3 z |z| + z^3), z = C_alpha tan(alpha) / (3 mu F_z); for |z| >= 1 the whole contact patch slides.
 
-    The slope is continuous there.
+    The slope is continuous at |z| = 1.
     """
     most = _friction_force(F_z, p, grip)
     z = p.C_alpha * stiffness * _tan_of_slip(alpha) / (3 * cs.fmax(most, LEAST_FORCE))
@@ -176,8 +175,8 @@ class TyreSettings:
     Attributes
     ----------
     tyre : one of `TYRES`.
-    form : "exact", or "uncertain": a fit estimates the error of the equations' form along (`models.form`).
-    body : "stiff", or "rolling": with a roll rate among what is predicted (`models.single_track`).
+    form : "exact", or "uncertain": a fit also estimates the model error of the equations' form (`models.form`).
+    body : "stiff", or "rolling": the roll rate is an additional output (`models.single_track`).
     """
 
     tyre: str = "pacejka"

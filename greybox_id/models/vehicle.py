@@ -1,30 +1,30 @@
-"""A vehicle as its engineers state it: what is known of its parameters, how well, and who says so.
+"""A vehicle as stated by engineers: values of its parameters, their uncertainty and their sources.
 
-It names parameters, effects and signals; which of them a model has is the model's affair.
+It names parameters, effects and signals; each model uses those that it has.
 Its file is TOML, or JSON with the same keys.
 
     name = "full-size car"
     steer_max = 0.5
-    tyre_file = "tyre.tir"                            # optional: B, C, D, E of both axles, where they are not stated
+    tyre_file = "tyre.tir"                            # optional: B, C, D, E of both axles, unless stated below
     [parameters]                                      # SI units, a number or a table
     m = { value = 1457.2, sd = 4.4, source = "scale" }
     l_f = 1.296
-    [effects]                                         # tolerances: small effects known to be there
+    [effects]                                         # tolerances: small effects known to be present
     steering_lag = { sd = 0.003 }
     [noise]                                           # sensor standard deviations
     yaw_rate = 0.01
-    [model_error]                                     # optional: how far its forces are off, as `greybox gap` left it
+    [model_error]                                     # optional: error of its forces, as written by `greybox gap`
     F_y = { share = 0.02, amplitude = 0.05, correlation_time = 0.4 }    # 1, m/s^2, s
     [model]                                           # optional: the model that describes it best
     name = "single_track"
     tyre = "pacejka"
     effects = { steering_delay = { value = 0.03, sd = 0.002 } }
-    [tracking]                                        # optional: what `greybox track` tracks of it
+    [tracking]                                        # optional: what `greybox track` tracks
     parameters = ["C_alpha_f", "C_alpha_r"]
     disturbances = ["road_bank"]
     noise = { walk_v_y = 0.05 }
 
-Shipped ones lie in `vehicles/`.
+Shipped vehicle files are in `vehicles/`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ from .tyre_file import read_tyre_file
 
 @dataclass(frozen=True)
 class ChosenModel:
-    """The model a vehicle is best described by, as a diagnosis or an engineer left it.
+    """The model that describes a vehicle best, as chosen by a diagnosis or an engineer.
 
     Attributes
     ----------
@@ -66,13 +66,13 @@ class ChosenModel:
 
 @dataclass(frozen=True)
 class TrackingPlan:
-    """What is tracked of a vehicle while it drives, unless somebody asks for something else.
+    """What to track of a vehicle while it drives, by default.
 
     Attributes
     ----------
-    parameters : what walks at random.
-    disturbances : what comes and goes about where it stands.
-    noise : name of a noise -> its size; noises that are not stated are tuned on the recording.
+    parameters : tracked as random walks.
+    disturbances : tracked as mean-reverting processes.
+    noise : name of a noise -> its size; noises not stated are tuned on the recording.
     """
 
     parameters: tuple[str, ...] = ()
@@ -82,13 +82,13 @@ class TrackingPlan:
 
 @dataclass(frozen=True)
 class StatedModelError:
-    """How far forces of a model are off, as stated; None where nothing is said.
+    """Stated model error of a model's forces; None where nothing is stated.
 
     Attributes
     ----------
-    share : standard deviation of unknown forces over the force itself, 1.
-    amplitude : of those beside that, over the mass, m/s^2.
-    correlation_time : how long they stay alike, s.
+    share : standard deviation of unknown forces relative to the force, 1.
+    amplitude : standard deviation of further unknown forces over the mass, m/s^2.
+    correlation_time : of the unknown forces, s.
     """
 
     share: float | None = None
@@ -98,18 +98,18 @@ class StatedModelError:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """What is stated of a vehicle.
+    """Stated data of a vehicle.
 
     Attributes
     ----------
     name : for people.
     values : parameter name -> number.
-    effects : effect name -> tolerance: small ones known to be there at this size, with their sd.
+    effects : effect name -> tolerance: small effects known to be present at this size, with their sd.
     noise : signal name -> standard deviation of its sensor.
-    steer_max : largest road-wheel angle, rad; None where it is not stated.
-    model : the model it is best described by; None where that is open.
-    tracking : what is tracked of it; None where that is open.
-    model_error : "F_y", "F_x" -> how far lateral and longitudinal forces of a model of it are off.
+    steer_max : largest road-wheel angle, rad; None if not stated.
+    model : the model that describes it best; None if open.
+    tracking : what to track; None if open.
+    model_error : "F_y", "F_x" -> error of a model's lateral and longitudinal forces.
     about : for people.
     path : the file it was read from.
     """
@@ -139,17 +139,17 @@ def shipped_vehicles() -> tuple[str, ...]:
 
 
 def vehicle(target: str | Path | Vehicle, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
-    """The vehicle that is meant: a shipped one by name, a user's by the path of its file, or the vehicle itself.
+    """A vehicle: a shipped one by name, a user's by the path of its file, or the vehicle itself.
 
     Parameters
     ----------
     target : name, path ending in .toml or .json, or vehicle.
-    parameters, effects : names that mean something to models; others are refused. Empty refuses none.
+    parameters, effects : names that models know; others are refused. Empty refuses none.
 
     Raises
     ------
     BadInput
-        There is no such vehicle, or its file is no valid vehicle file.
+        There is no such vehicle, or its file is not a valid vehicle file.
     """
     if isinstance(target, Vehicle):
         return target
@@ -158,12 +158,12 @@ def vehicle(target: str | Path | Vehicle, parameters: Collection[str] = (), effe
 
 
 def parse_vehicle(text: str, path: Path, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
-    """A vehicle from TOML or, where the path says so, JSON text.
+    """A vehicle from TOML or, if the path ends in .json, JSON text.
 
     Raises
     ------
     BadInput
-        The text cannot be parsed, or a key or number in it cannot be used.
+        The text cannot be parsed, or a key or number in it is not valid.
     """
     where = str(path)
     table = _parsed(text, path)
@@ -202,7 +202,7 @@ def _parsed(text: str, path: Path) -> Mapping[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """JSON lets a later key replace an earlier one in silence."""
+    """Table of a JSON object; raises `ValueError` for a repeated key, which JSON would silently overwrite."""
     table = dict(pairs)
     if len(table) < len(pairs):
         names = [key for key, _ in pairs]
@@ -211,7 +211,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _tyres(table: Mapping[str, Any], path: Path) -> dict[str, Stated]:
-    """Tyre coefficients of a .tir file beside the vehicle file."""
+    """Tyre coefficients of a .tir file, whose path is relative to the vehicle file."""
     named = table["tyre_file"]
     if not isinstance(named, str) or Path(named).suffix.lower() != ".tir":
         raise BadInput(f"{path}: tyre_file must be the path of a .tir file in quotes, not {named!r:.60}.")
@@ -317,7 +317,7 @@ def _all_known(
     where: str,
     others: Mapping[str, Collection[str]] = MappingProxyType({}),
 ) -> None:
-    """Refuse keys that are not among the names; what another table holds is told where it belongs."""
+    """Refuse unknown keys; the error names the table to which a key belongs, if known."""
     for key in table:
         if names and key not in names:
             if elsewhere := [other for other, item in others.items() if key in item]:
@@ -328,13 +328,13 @@ def _all_known(
 
 
 def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
-    """Write a vehicle as TOML or, where the path ends in .json, as JSON; atomically.
+    """Write a vehicle as TOML or, if the path ends in .json, as JSON; atomically.
 
-    Comments of the file it was read from are not kept, sources are.
+    Comments of the original file are lost, sources are kept.
 
     Raises
     ------
-    BadInput : the file cannot be written there.
+    BadInput : the file cannot be written.
     """
     file = Path(path)
     suffix = file.suffix.lower()
@@ -346,7 +346,7 @@ def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
 
 
 def vehicle_text(vehicle: Vehicle, comments: Mapping[str, str] = MappingProxyType({})) -> str:
-    """The text of its TOML file; a comment goes behind the entry, or the table, of its name."""
+    """The text of its TOML file; `comments` are appended to the entry, or table, of that name."""
     lines = [f"{VEHICLE_MARK} {__version__}", *_toml(as_plain(vehicle))]
     behind = {line: comments.get(line.partition(" =")[0].strip("\n[]"), "") for line in lines}
     return "\n".join(f"{line}  # {behind[line]}" if behind[line] else line for line in lines).strip() + "\n"
@@ -394,7 +394,7 @@ def _plain(stated: Stated) -> float | dict[str, float | str]:
 
 
 def _toml(plain: Mapping[str, Any]) -> Iterator[str]:
-    """Lines: first what belongs to no table, then one table after the other, an entry each line."""
+    """Lines: first the keys outside of tables, then one table after the other, one entry per line."""
     tables = {key: value for key, value in plain.items() if isinstance(value, Mapping)}
     for key, value in plain.items():
         if key not in tables:

@@ -1,7 +1,7 @@
-"""Models of a stated vehicle: its numbers in place of a model's own, its tolerances as effects.
+"""Models of a stated vehicle: its values replace a model's defaults, its tolerances become effects.
 
-A number stated alone is known where it is geometry or mass, and held; anywhere else it is where a fit starts. A number
-stated with an sd is free, with that belief; one stated with limits is free within them.
+A plain number is held if it is geometry or mass; otherwise it is the initial value of a fit. A number with an sd is
+free with that prior; a number with limits is free within them.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from .single_track import BODY, DRIVE, G
 from .vehicle import Vehicle
 
 MEASURED = ("m", "l_f", "l_r", "h_cg", "track_f", "track_r", "wheel_radius", "I_w")
-"""Geometry and mass: held when a number is stated alone."""
+"""Geometry and mass: held if stated as a plain number."""
 
 
 def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
-    """The model with what is stated of a vehicle; what is not is scaled with its mass and size, or stays as it is.
+    """The model with a vehicle's stated values; others are scaled with its mass and size, or keep their defaults.
 
-    Cornering stiffness, friction and understeer gradient follow from Pacejka's B, C, D where the model asks for those
-    and the vehicle states these. Numbers the model does not know are left out: a vehicle is more than one model.
+    Cornering stiffness, friction and understeer gradient follow from Pacejka's B, C, D if the model has the former and
+    the vehicle states the latter. Values that the model does not have are ignored: they serve other models.
 
     Raises
     ------
-    BadInput : a value lies outside what the model takes for it.
+    BadInput : a value is outside the bounds of the model.
     """
     stated = {**derived(vehicle), **vehicle.values}
     new = (_parameter(model[name], item, vehicle) for name, item in stated.items() if name in model)
@@ -39,12 +39,12 @@ def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
 
 
 def scaled(vehicle: Vehicle) -> dict[str, Stated]:
-    """What models take for a number that a vehicle does not state, from its mass and size where it states these.
+    """Values that a vehicle does not state, scaled from its mass and size if stated.
 
-    Models' own numbers are those of a car of 1450 kg: a wheel of 1 kg m^2 in a car of 1.6 kg would weigh a thousand
-    times as much as the car. Inertias grow with mass and length squared, heights and tracks with length, resistance to
-    rolling and the force per unit of a commanded acceleration with mass, drag with length squared, as in a car that is
-    built the same way at another size.
+    Models' defaults are those of a car of 1450 kg: a wheel of 1 kg m^2 in a car of 1.6 kg would weigh a thousand times
+    as much as the car. Inertias scale with mass and length squared, heights and tracks with length, rolling resistance
+    and force per unit of a commanded acceleration with mass, drag with length squared, as for a geometrically similar
+    car.
     """
     stated, value = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
     known = {name: _value(stated, name) for name in ("m", "l_f", "l_r", "wheel_radius") if name in stated}
@@ -63,14 +63,14 @@ def scaled(vehicle: Vehicle) -> dict[str, Stated]:
 
 
 def with_size(model: AnyModel, stated: Collection[str]) -> AnyModel:
-    """The model with numbers that nobody said anything of scaled to the mass and size that were said."""
+    """The model with its defaults scaled to the stated mass and size, except for the stated parameters."""
     values = {name: Stated(float(model[name].array)) for name in stated if name in model and model[name].shape == ()}
     usual = scaled(Vehicle("", values))
     return model.with_parameters(*(_scaled(model[name], item) for name, item in usual.items() if name in model))
 
 
 def with_tolerances(model: AnyModel, vehicle: Vehicle, effects: Mapping[str, Effect]) -> AnyModel:
-    """The model with the vehicle's tolerances as effects, free with their belief; those it cannot have are left out."""
+    """The model with the vehicle's tolerances as effects, free with their priors; those it cannot have are ignored."""
     for name, tolerance in vehicle.effects.items():
         if name in effects and name not in model.effects and effects[name].concerns(model):
             model = model + stated_effect(effects[name], tolerance)
@@ -78,7 +78,7 @@ def with_tolerances(model: AnyModel, vehicle: Vehicle, effects: Mapping[str, Eff
 
 
 def stated_effect(effect: Effect, stated: Stated) -> Effect:
-    """The effect as stated: held at a number alone; with an sd free, with that belief, about its null by default."""
+    """The effect as stated: held at a plain number; free with a prior if an sd is stated, by default about its null."""
     if stated.value is not None and stated.plain:
         return effect.at(stated.value)
 
@@ -93,7 +93,7 @@ def stated_effect(effect: Effect, stated: Stated) -> Effect:
 
 
 def derived(vehicle: Vehicle) -> dict[str, Stated]:
-    """What follows from Pacejka's parameters, mass and geometry, where a vehicle states these.
+    """Parameters that follow from Pacejka's parameters, mass and geometry, if a vehicle states these.
 
     C_alpha = B C D F_z with the static load of the axle, mu = D, the slip curve_slip = 1 / (B C) at which that slope
     alone would give the peak, and the understeer gradient K_us.
@@ -123,7 +123,7 @@ def derived(vehicle: Vehicle) -> dict[str, Stated]:
 
 def _value(stated: Mapping[str, Stated], name: str) -> float:
     value = stated[name].value
-    assert value is not None  # of a parameter something is always stated
+    assert value is not None  # a parameter is never stated without a value
     return value
 
 
@@ -133,7 +133,7 @@ def _parameter(parameter: Parameter, stated: Stated, vehicle: Vehicle) -> Parame
 
 
 def _scaled(parameter: Parameter, stated: Stated) -> Parameter:
-    """The parameter at its usual value for such a size, free or held as the model has it."""
+    """The parameter at its scaled value, free or held as in the model."""
     if parameter.shape or stated.value is None or parameter.prior is not None:
         return parameter
     return replace(
@@ -142,7 +142,7 @@ def _scaled(parameter: Parameter, stated: Stated) -> Parameter:
 
 
 def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:
-    """The parameter free, at the value, with the limits and the belief that are stated."""
+    """The parameter, free, with the stated value, limits and prior."""
     low = parameter.bounds[0] if stated.min is None else stated.min
     high = parameter.bounds[1] if stated.max is None else stated.max
     value = float(parameter.array) if stated.value is None else stated.value
@@ -154,6 +154,6 @@ def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:
         )
     prior = Prior(stated.sd, mean=value) if stated.sd is not None else parameter.prior
     if prior is not None and stated.sd is None and stated.value is not None:
-        prior = replace(prior, mean=None)  # a belief of the model's own is about the number that is now stated
+        prior = replace(prior, mean=None)  # centre the model's prior on the stated value
     source = stated.source or (parameter.source if stated.value is None else where)
     return replace(parameter, value=value, bounds=(low, high), prior=prior, fixed=False, source=source)

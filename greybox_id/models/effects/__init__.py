@@ -1,16 +1,16 @@
-"""Effects that vehicle models may lack. At its null value every one of them leaves a model as it is.
+"""Effects that vehicle models may lack. At its null value each of them leaves a model unchanged.
 
-Where each takes hold, and so how any of them compose:
+Order in which effects act, which defines how they compose:
 
-    command -> steering_delay -> steering_backlash, steering_rate_limit, steering_lag, motor_lag (as they were added)
+    command -> steering_delay -> steering_backlash, steering_rate_limit, steering_lag, motor_lag (in the order added)
     -> steering_ratio, steering_offset, motor_gain and changed parameters -> slip angles and their relaxation -> loads
-    -> friction -> forces -> motion -> readings (as they were added) -> latencies -> recording
+    -> friction -> forces -> motion -> readings (in the order added) -> latencies -> recording
 
 Alterations of one quantity act in the order in which they were added; most are products, whose order does not matter.
-Loads and accelerations depend on each other: effects on loads go through the equations a few times, each time with the
-accelerations of the time before.
+Loads and accelerations depend on each other: for effects on loads the equations are evaluated a few times, each time
+with the accelerations of the previous pass.
 
-Some effects bring a second parameter, held at a usual value (an energy, a direction, a natural frequency).
+Some effects have a second parameter, held at a usual value (an energy, a direction, a natural frequency).
 """
 
 from ..effect import Effect
@@ -25,7 +25,7 @@ EFFECTS: dict[str, Effect] = {
 
 
 def vocabulary() -> dict[str, Effect]:
-    """Effects that a diagnosis tries where none are named."""
+    """Effects that a diagnosis tries if none are named."""
     return {name: effect for name, effect in EFFECTS.items() if not effect.by_name}
 
 

@@ -1,4 +1,4 @@
-"""What a body may have beyond fixed mass, inertia, centre of gravity and static loads."""
+"""Effects of the body beyond fixed mass, inertia, centre of gravity and static loads."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ GROUP = "body"
 
 
 def _to_rear(q: Quantities) -> Symbol:
-    """Load [N] that longitudinal acceleration moves to the rear axle."""
+    """Load [N] that longitudinal acceleration transfers to the rear axle."""
     return q.p.longitudinal_load_transfer * q.p.m * q.before.a_x * q.p.h_cg / (q.p.l_f + q.p.l_r)
 
 
@@ -25,7 +25,7 @@ def _downforce(share: Symbol, q: Quantities) -> Symbol:
 
 
 def _swaying(q: Quantities) -> dict[str, Symbol]:
-    """Roll over the roll gradient: the lateral acceleration as far as the sprung mass has followed it."""
+    """Derivatives of roll angle over roll gradient: the lateral acceleration as followed by the sprung mass."""
     w = 2 * pi * q.p.roll_frequency
     back = w**2 * (q.a_y - q.x.a_y_of_roll) - 2 * q.p.roll_damping * w * q.x.a_y_of_roll_rate
     return {"a_y_of_roll": q.x.a_y_of_roll_rate, "a_y_of_roll_rate": back}

@@ -1,4 +1,4 @@
-"""What may stand between the drive command and the force at the wheels, and what resists the motion.
+"""Effects between the drive command and the force at the wheels, and on the resistance to motion.
 
 The chain is lag, then gain, then saturation of the driving force.
 """
@@ -21,9 +21,9 @@ GROUP = "drive"
 
 
 def _saturated(force: Symbol, q: Quantities) -> Symbol:
-    """Driving force up to m a_sat min(1, v_b / v); both corners are rounded as `within_limit` says.
+    """Driving force up to m a_sat min(1, v_b / v), with corners rounded by `within_limit`.
 
-    The mass is the stated one: a payload changes no motor.
+    The mass is the stated one: a payload does not change the motor's force.
     """
     fades = within_limit(cs.fabs(speed(q)) / q.p.motor_saturation_v_b)
     return force * within_limit(force / q.stated.m / q.p.motor_saturation / fades)

@@ -1,7 +1,7 @@
-"""Dynamic elements between a command and the vehicle: lag, servo of second order, rate limit and play.
+"""Dynamic elements between a command and the vehicle: lag, second-order servo, rate limit and play.
 
-Over a segment of h seconds the command is a straight line. What the vehicle sees is again a straight line: the one of
-the same mean and first moment as the element's true response, so that nothing is lost to the length of a segment.
+Over a segment of h seconds the command is a straight line. The vehicle's input is a straight line too: the one with
+the same mean and first moment as the element's exact response, so that results do not depend on the segment length.
 """
 
 from __future__ import annotations
@@ -18,22 +18,23 @@ from ..smooth import mean_and_slope, within_limit
 Line = tuple[Symbol, Symbol]
 """Value at the beginning and at the end of a segment."""
 Motion = Callable[[Symbol, Symbol, Namespace, float], Symbol]
-"""(state, command, p, time) -> what an element does in that time."""
+"""(state, command, p, time) -> change of the element's output in that time."""
 
 TINY_TIME = 1e-15
-"""Added to time constants, s: the limit of no lag without a division by zero."""
+"""Added to time constants, s: avoids division by zero for a vanishing lag."""
 SHORTEST = 1e-12
-"""Added to segments' lengths, s; segments that only fill up have none."""
+"""Added to lengths of segments, s; padding segments have length zero."""
 TINY = 1e-13
-"""Added where zero would be divided by zero."""
+"""Added to avoid 0 / 0."""
 FASTEST = 1e15
-"""Hz, of a servo that follows at once: its product with a segment's length is a number."""
+"""Largest natural frequency of a servo, Hz: for an infinite one, the product with a segment's length stays finite."""
 FADED = 1e3
-"""Time, over 1 / w, after which nothing is left of a swing, whose sine would take long to calculate."""
+"""Time, in units of 1 / w, after which an oscillation has decayed; its sine is not evaluated beyond."""
 SHORT_SWING, SWING_TERMS = 0.03, 6
-"""Below this time, over 1 / w, swings follow from so many terms of their series, in which nothing cancels."""
+"""Time, in units of 1 / w, below which oscillations are computed from this many terms of their series, to avoid
+cancellation."""
 PLAY_WIDTH = 1e-5
-"""Width over which play takes up, in the signal's unit."""
+"""Width over which the corners of play are rounded, in the signal's unit."""
 
 
 def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) -> Actuator:
@@ -42,7 +43,7 @@ def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) ->
     def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
         T, h = time_constant(p) + TINY_TIME, h + SHORTEST
         begin, end = command
-        behind = (end - begin) * T / h  # how far a steady ramp is followed behind
+        behind = (end - begin) * T / h  # steady lag behind a ramp
         off = state - begin + behind
         a = h / T
         mean, slope = mean_and_slope(a)
@@ -61,16 +62,16 @@ def lag(signal: str, name: str, time_constant: Callable[[Namespace], Symbol]) ->
 def servo(
     signal: str, name: str, frequency: Callable[[Namespace], Symbol], damping: Callable[[Namespace], Symbol]
 ) -> tuple[Actuator, Actuator]:
-    """A servo of second order, x'' = w^2 (u - x) - 2 d w x' with d < 1, exact for commands that are straight lines.
+    """Second-order servo, x'' = w^2 (u - x) - 2 d w x' with d < 1, exact for commands that are straight lines.
 
-    Its states are where it is, x, and where it would be at its speed after 1 / w, a = x + x' / w: both are at the
-    command when it rests. About what follows a ramp for ever, u - 2 d s / w at the ramp's speed s, the rest
-    y = (x, x' / w) obeys y' = A y in the time w t, A = [[0, 1], [-1, -2 d]].
+    Its states are the output x and the output extrapolated by 1 / w at its rate, a = x + x' / w: both equal the command
+    at rest. Relative to the steady response to a ramp of slope s, u - 2 d s / w, the deviation y = (x, x' / w) obeys
+    y' = A y in the scaled time w t, A = [[0, 1], [-1, -2 d]].
 
     Parameters
     ----------
-    signal, name : the input it stands before; of its states.
-    frequency : p -> natural frequency, Hz; it follows at once at infinity.
+    signal, name : the input it acts on; prefix of its states' names.
+    frequency : p -> natural frequency, Hz; infinite for a servo without lag.
     damping : p -> damping ratio, below one.
     """
 
@@ -112,7 +113,7 @@ def servo(
         return y_1 + y_2
 
     def angle_after(state: Line, command: Symbol, p: Namespace, time: float) -> Symbol:
-        """So soon that a swing has hardly begun, or has faded: its first terms do, at a third of the cost."""
+        """First-order expansion of the oscillation, also right once it has decayed; costs a third of `moved`."""
         r, d = w(p) * time, damping(p)
         return command + cs.exp(-d * r) * ((state[0] - command) * (1 + d * r) + (state[1] - state[0]) * r)
 
@@ -133,7 +134,7 @@ def _swung(y: Line, r: Symbol, d: Symbol) -> Line:
 
 
 def _swings(y: Line, r: Symbol, d: Symbol) -> Line:
-    """(exp(A r) - 1) y without cancelling digits."""
+    """(exp(A r) - 1) y without cancellation."""
     terms, (y_1, y_2) = _swing_terms(y, r, d)[1:], _swung(y, r, d)
     short = r < SHORT_SWING
     return (cs.if_else(short, sum(term[0] for term in terms), y_1 - y[0]),
@@ -141,7 +142,7 @@ def _swings(y: Line, r: Symbol, d: Symbol) -> Line:
 
 
 def _swing_line(y: Line, r: Symbol, d: Symbol) -> Line:
-    """Mean and slope of the line that stands for the first of exp(A r s) y, s from 0 to 1."""
+    """Mean and slope of the line equivalent to the first component of exp(A r s) y, s from 0 to 1."""
     (one, two), (y_1, y_2) = y, _swung(y, r, d)
     mean, other = (-2 * d * (y_1 - one) - (y_2 - two)) / r, (y_1 - one) / r
     moment = (-2 * d * (y_1 - mean) - (y_2 - other)) / r
@@ -152,7 +153,7 @@ def _swing_line(y: Line, r: Symbol, d: Symbol) -> Line:
 
 
 def _swing_terms(y: Line, r: Symbol, d: Symbol) -> list[Line]:
-    """(A r)^n y / n! of the first n."""
+    """Terms (A r)^n y / n! of the series, n from 0 to SWING_TERMS - 1."""
     result = [y]
     for n in range(1, SWING_TERMS):
         one, two = result[-1]
@@ -161,17 +162,17 @@ def _swing_terms(y: Line, r: Symbol, d: Symbol) -> list[Line]:
 
 
 def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> Actuator:
-    """Rate limit: a ramp until the command is reached, then the command; no limit at infinity.
+    """Rate limit: a ramp until the command is reached, then the command itself; an infinite limit has no effect.
 
-    The gap between command and output closes straight from where it is; once closed, it opens again if the command is
-    too fast. Corners are rounded as `within_limit` says.
+    The gap between command and output closes at the limiting rate; once closed, it opens again if the command is too
+    fast. Corners are rounded by `within_limit`.
     """
 
     def segment(state: Symbol, command: Line, p: Namespace, h: Symbol) -> tuple[Symbol, Line]:
         off, moved = command[0] - state, command[1] - command[0]
         towards = _sign(off + 1e-6 * moved)
-        gap, pace = ((x / limit(p) / (h + SHORTEST)) for x in (off * towards, moved * towards))  # in what h allows
-        closed = (gap + TINY) / cs.fmax(1 - pace, gap + TINY)  # when the gap is closed, in segments; 1 if not at all
+        gap, pace = ((x / limit(p) / (h + SHORTEST)) for x in (off * towards, moved * towards))  # over the limit
+        closed = (gap + TINY) / cs.fmax(1 - pace, gap + TINY)  # time of closing over h; 1 if it stays open
         unclosed = (off + moved) * (1 - within_limit(gap + pace))
         opened = moved * (1 - closed) * (1 - within_limit(cs.fabs(pace)))
         closing = off - unclosed
@@ -190,7 +191,7 @@ def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> A
     """Play (backlash): the output rests until the command has crossed the gap. Rounded over `PLAY_WIDTH`."""
 
     def moves(state: Symbol, command: Symbol, p: Namespace, time: float = 0.0) -> Symbol:
-        del time  # it follows at once
+        del time  # play acts without delay
         w, ahead = half_width(p), command - state
         return _beyond(ahead - w) - _beyond(-ahead - w)
 
@@ -199,7 +200,7 @@ def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> A
         begin = state + moves(state, command[0], p)
         end = begin + moves(begin, command[1], p)
         target, done = command[1] - command[0], end - begin
-        # It moves with the command for the segment's last share, 0 to 1; where corners are rounded, any number.
+        # Share, 0 to 1, of the segment at its end in which the output moves; arbitrary where corners are rounded.
         moving = cs.fmin(cs.fmax(done * target / (target**2 + TINY**2), -1), 2)
         return end, (begin - done * moving * (1 - moving), begin + done * moving * (2 - moving))
 
@@ -211,11 +212,11 @@ def _from_where_it_stands(moves: Motion) -> Motion:
 
 
 def _sign(x: Symbol) -> Symbol:
-    """Plus or minus one, with a derivative at zero."""
+    """Sign, +1 or -1, smoothed so that it is differentiable at zero."""
     return x / cs.sqrt(x**2 + TINY**2)
 
 
 def _beyond(x: Symbol) -> Symbol:
-    """What of x is above zero, a parabola within `PLAY_WIDTH`; exactly zero below: what rests must not creep."""
+    """Positive part of x, a parabola within `PLAY_WIDTH`; exactly zero below, so that no resting output creeps."""
     near = cs.fmax(cs.fmin(x, PLAY_WIDTH), -PLAY_WIDTH)
     return (near + PLAY_WIDTH) ** 2 / (4 * PLAY_WIDTH) + cs.fmax(x - PLAY_WIDTH, 0)

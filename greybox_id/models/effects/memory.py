@@ -1,4 +1,4 @@
-"""Effects on maps with memory, whose time runs in samples."""
+"""Effects on models with memory, whose time is discrete."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def limit_steering_rate(model: MemoryModel) -> MemoryModel:
 
 
 def _static(signal: str, seen: Callable[[Symbol, Namespace], Symbol]) -> Callable[[MemoryModel], MemoryModel]:
-    """What acts on a command at once: nothing of it is remembered."""
+    """A static transform of a command, as an actuator without state."""
 
     def step(state: Symbol, command: Symbol, p: Namespace, sample_time: float) -> tuple[Symbol, Symbol]:
         del state, sample_time
@@ -39,21 +39,21 @@ def _static(signal: str, seen: Callable[[Symbol, Namespace], Symbol]) -> Callabl
 
 
 scale_steering = _static("steer", lambda steer, p: steer * p.steering_ratio)
-"""The road-wheel angle is `steering_ratio` times what the command says."""
+"""The road-wheel angle is `steering_ratio` times the command."""
 shift_steering = _static("steer", lambda steer, p: steer + p.steering_offset)
 """`steering_offset` is added to the road-wheel angle."""
 scale_motor = _static("motor_current", lambda current, p: current * p.motor_gain)
-"""The motor's current acts as if it were `motor_gain` times what was read."""
+"""The motor current acts as if it were `motor_gain` times its reading."""
 
 
 def delay_imu(model: MemoryModel) -> MemoryModel:
-    """Yaw rate and accelerations are read late by `sensor_latency_imu`."""
+    """Delay the readings of yaw rate and accelerations by `sensor_latency_imu`."""
 
     def weights(p: Namespace, sample_time: float) -> Sequence[Symbol]:
-        """Linear interpolation between samples, exact for signals that are straight between them."""
+        """Linear interpolation between samples, exact for signals that are linear between them."""
         lag = p.sensor_latency_imu / sample_time
         longest = max(1, ceil(LATENCY_PER_RUN.bounds[1] / sample_time - 1e-9))
-        whole = cs.fmin(cs.floor(lag), longest - 1)  # at a whole sample the slope is that towards later, not a kink's
+        whole = cs.fmin(cs.floor(lag), longest - 1)  # at whole samples the derivative is the one towards larger lags
         share = lag - whole
         return [(whole == k) * (1 - share) + (whole + 1 == k) * share for k in range(longest + 1)]
 

@@ -1,4 +1,4 @@
-"""What road and air may do: slopes, and wind."""
+"""Effects of road and air: slopes, and wind."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from .stating import alteration, effect
 GROUP = "road"
 
 STILL_AIR = 1e-6
-"""Speed, m/s, below which air that stands still no longer does."""
+"""Speed, m/s, over which the magnitude of the air speed is rounded at zero."""
 
 
 def _wind(q: Quantities) -> tuple[Symbol, Symbol]:
-    """Wind along and across the vehicle, m/s; it blows towards `wind_direction`, seen from the heading at the start."""
+    """Wind along and across the vehicle, m/s, blowing towards `wind_direction`, relative to the initial heading."""
     towards = q.p.wind_direction - (q.x.yaw if hasattr(q.x, "yaw") else 0.0)
     return q.p.wind_gust * cs.cos(towards), q.p.wind_gust * cs.sin(towards)
 
@@ -29,14 +29,14 @@ def _air_speed(along: Symbol, across: Symbol) -> Symbol:
 
 
 def _drag(F_drag: Symbol, q: Quantities) -> Symbol:
-    """c_2 |v_air| v_air in place of c_2 |v_x| v_x, along the vehicle."""
+    """Change of drag along the vehicle by the wind: c_2 |v_air| v_air replaces c_2 |v_x| v_x."""
     v_x, (along, across) = q.x.v_x, _wind(q)
     with_wind = _air_speed(v_x - along, across) * (v_x - along)
     return F_drag + q.p.c_2 * (with_wind - _air_speed(v_x, 0.0) * v_x)
 
 
 def _side_wind(a_y: Symbol, q: Quantities) -> Symbol:
-    """The same across; the vehicle's own v_y is left out, as it is without wind."""
+    """Lateral acceleration by the wind; the vehicle's v_y is neglected, as it is without wind."""
     along, across = _wind(q)
     return a_y + q.p.c_2 * _air_speed(q.x.v_x - along, across) * across / q.p.m
 

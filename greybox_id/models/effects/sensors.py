@@ -1,4 +1,4 @@
-"""What sensors may read instead of what is there: biases, gains, and where and how they are mounted."""
+"""Effects on sensor readings: biases, gains, and mounting position and angle."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ GROUP = "sensors"
 
 
 def _wheel_speed(model: MotionModel) -> MotionModel:
-    """A speed that is an input was read by the same sensor: the vehicle's own is that over the gain."""
+    """If speed is an input, the same sensor read it: the true speed is the input over the gain."""
     if "v_x" in model.inputs:
         return model.altered(v_x=lambda v_x, q: v_x / q.p.wheel_speed_scale)
     return model.sensed(lambda read, q: {"v_x": read.v_x * q.p.wheel_speed_scale})
 
 
 def _turned(read: Namespace, q: Quantities) -> tuple[Symbol, Symbol]:
-    """Accelerations along the axes of a sensor that is turned to the left."""
+    """Accelerations along the axes of a sensor that is rotated to the left."""
     c, s = cs.cos(q.p.imu_mount_yaw), cs.sin(q.p.imu_mount_yaw)
     return c * read.a_x + s * read.a_y, c * read.a_y - s * read.a_x
 
@@ -75,7 +75,7 @@ velocity_lever_arm = reading(
     typical=0.5, needs=("yaw_rate",), v_y=lambda read, q: read.v_y + q.x.yaw_rate * q.p.velocity_lever_arm,
 )  # fmt: skip
 
-# by name only: on recordings with v_y, tyres that are not alike on both sides look like it
+# by name only: on recordings with v_y, tyres that differ between left and right mimic it
 velocity_mount_yaw = reading(
     GROUP, "velocity_mount_yaw", "rad", 0.0, (-0.3, 0.3), "angle by which the sensor of v_y is turned to the left",
     typical=0.02, needs=("v_x",), by_name=True,

@@ -1,4 +1,4 @@
-"""How the effects of this package are stated: name, unit, null, bounds and meaning as in a table, then what they do."""
+"""Constructors of effects: name, unit, null, bounds and meaning as in a table, then the transform."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..parameter import Parameter
 
 
 def speed(q: Quantities) -> Symbol:
-    """Speed forwards, m/s: a state of some models, an input of others."""
+    """Forward speed, m/s: a state of some models, an input of others."""
     return q.x.v_x if hasattr(q.x, "v_x") else q.u.v_x
 
 
@@ -34,7 +34,7 @@ def effect(
 
     Parameters
     ----------
-    group, name, touches, apply, typical : as of `Effect`.
+    group, name, touches, apply, typical : as in `Effect`.
     unit, null, bounds, about : of its magnitude.
     more : further attributes of `Effect`.
     """
@@ -65,13 +65,13 @@ def alteration(
 
     Parameters
     ----------
-    group, name, typical, gradual, needs, others : as of `Effect`.
+    group, name, typical, gradual, needs, others : as in `Effect`.
     unit, null, bounds, about : of its magnitude.
-    passes : how often the dynamics are gone through, for changes that read q.before.
-    apply_to_memory : what it does to maps with memory, where it is known for them.
-    in_memory : what it acts on there, where that has another name.
-    by_name, rounds : as of `Effect`.
-    changes : those the model has act, the others do nothing.
+    passes : number of evaluations of the dynamics, for changes that read q.before.
+    apply_to_memory : transform of models with memory, if defined for them.
+    in_memory : name that it acts on there, if different.
+    by_name, rounds : as in `Effect`.
+    changes : alterations by name; those whose name the model lacks are ignored.
 
     Returns
     -------
@@ -117,13 +117,13 @@ def reading(
     by_name: bool = False,
     **changes: Callable[[Namespace, Quantities], Symbol],
 ) -> Effect:
-    """An effect on what sensors read: output=(readings so far, q) -> what is read instead.
+    """An effect on sensor readings: output=(readings so far, q) -> altered reading.
 
     Parameters
     ----------
-    group, name, typical, needs, by_name : as of `Effect`.
+    group, name, typical, needs, by_name : as in `Effect`.
     unit, null, bounds, about : of its magnitude.
-    changes : those of the model's outputs act, the others do nothing.
+    changes : altered readings by output; those of outputs that the model lacks are ignored.
     """
 
     def apply(model: MotionModel) -> MotionModel:

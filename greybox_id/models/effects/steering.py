@@ -1,8 +1,8 @@
-"""What may stand between the steering command and the road wheels.
+"""Effects between the steering command and the road wheels.
 
 The chain is delay, then play, rate limit, lag and servo in the order in which they were added, then ratio and offset.
-For a delay, a lag, a servo and an offset the place in the chain makes no difference; behind a play or a rate limit, a
-ratio other than one scales them too. Last come the steps of the angle's own sensor, and what the wheels give way.
+The place of a delay, a lag, a servo or an offset in the chain makes no difference; a ratio other than one also scales
+the play and the rate limit before it. Quantisation by the angle sensor and compliance of the wheels come last.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from .stating import alteration, effect
 
 GROUP = "steering"
 LEAST_STEP = 1e-6
-"""Steps of a sensor below this, rad, are none: they are finer than any sensor's."""
+"""Smallest quantisation step of a sensor, rad; smaller ones are treated as none."""
 NO_JERK_LIMIT = 1e15
-"""m/s^3, at which derivatives by the wheelbase are still numbers."""
+"""Largest jerk limit, m/s^3: for an infinite one, derivatives by the wheelbase stay finite."""
 SHARPNESS = 0.9999
-"""Of a staircase: its corners are rounded over a ten-thousandth of a step."""
+"""Sharpness of the staircase: corners are rounded over a ten-thousandth of a step."""
 LEAST_LOAD = 1e-9
-"""N, added where there is no load, nor a force, before the first pass."""
+"""N, added to the load: before the first pass both load and force are zero."""
 
 
 def _servo(model: MotionModel) -> MotionModel:
@@ -36,7 +36,7 @@ def _servo(model: MotionModel) -> MotionModel:
 
 
 def _jerk_limit(model: MotionModel) -> MotionModel:
-    """At a speed v an angle that turns at d'(t) changes the lateral acceleration by v^2 / L d'(t)."""
+    """Limit of the steering rate: at speed v, a rate d'(t) changes the lateral acceleration by v^2 / L d'(t)."""
 
     def limit(p: Namespace) -> Symbol:
         v = forward_speed(sum(p.inputs["v_x"]) / 2)
@@ -46,14 +46,14 @@ def _jerk_limit(model: MotionModel) -> MotionModel:
 
 
 def _in_steps(steer: Symbol, q: Quantities) -> Symbol:
-    """The nearest whole step: less the sawtooth of the rest, by its Fourier series, Im log(1 + s exp(i t))."""
+    """Angle rounded to a whole step: less the sawtooth of the rest, by its Fourier series, Im log(1 + s exp(i t))."""
     step = q.p.sensor_quantisation
     turn = 2 * pi * steer / cs.fmax(step, LEAST_STEP)
     return steer - step / pi * cs.atan2(SHARPNESS * cs.sin(turn), 1 + SHARPNESS * cs.cos(turn))
 
 
 def _given_way(steer: Symbol, q: Quantities) -> Symbol:
-    """The tyre's force and its trail turn the wheels back, as far as the force of the pass before says."""
+    """Angle less the compliance under the tyre's force and trail, with the force of the previous pass."""
     return steer - q.p.steering_compliance * q.before.F_yf / (cs.fabs(q.before.F_zf) + LEAST_LOAD)
 
 
@@ -104,7 +104,7 @@ steering_jerk_limit = effect(
     touches=("steer",), needs=("v_x", "l_f", "l_r"), driven_by=("v_x",), apply=_jerk_limit, typical=5.0, gradual=False,
     by_name=True,
 )  # fmt: skip
-"""Lane-keeping systems are let 5 m/s^3 (ISO 11270:2014)."""
+"""Lane-keeping systems are allowed 5 m/s^3 (ISO 11270:2014)."""
 
 sensor_quantisation = alteration(
     GROUP, "sensor_quantisation", "rad", 0.0, (0.0, 0.05), (

@@ -1,4 +1,4 @@
-"""When sensors read, and when that is stamped."""
+"""Effects on the time at which sensors read, and on time stamps."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ LATEST = (0.0, 0.2)
 
 
 def _late_speed(model: MotionModel) -> MotionModel:
-    """A speed that is an input was read late by the same sensor: the vehicle's own is ahead of it."""
+    """If speed is an input, the same sensor read it late: the input is advanced."""
     if "v_x" in model.inputs:
         return model.delayed("v_x", lambda p: -p.sensor_latency_vx)
     return model.late(lambda p: p.sensor_latency_vx, "v_x")
 
 
 def _only_the_recording(model: MotionModel) -> MotionModel:
-    """What is expected of a reading stays as it is."""
+    """The expected readings are unchanged."""
     return model
 
 
@@ -47,14 +47,14 @@ timestamp_jitter = effect(
     "reading and its stamp",
     touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003, reads_only=True,
 )  # fmt: skip
-"""Moves no expected reading: it scatters readings by their rate of change times this. What tells it is residuals whose
-variance grows with the squared rate of what is read, which the diagnosis tests."""
+"""Leaves expected readings unchanged and scatters readings by their rate of change times this value. It is recognised
+by residuals whose variance grows with the squared rate of the signal, which the diagnosis tests."""
 
 dropped_samples = effect(
     GROUP, "dropped_samples", "1", 0.0, (0.0, 0.9), "share of the rows in which sensors repeat their last reading",
     touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.1, reads_only=True,
 )  # fmt: skip
-"""Belongs to the recording, not to the motion. What tells it is rows that repeat the one before exactly, which the
-diagnosis counts."""
+"""A property of the recording, not of the motion. It is recognised by rows that repeat the previous one exactly, which
+the diagnosis counts."""
 
 ALL = (sensor_latency_yaw, sensor_latency_vx, sensor_latency_imu, timestamp_jitter, dropped_samples)

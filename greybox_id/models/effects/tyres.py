@@ -1,4 +1,4 @@
-"""What tyres may do beyond a fixed curve of force over slip angle."""
+"""Effects of tyres beyond a fixed curve of force over slip angle."""
 
 from __future__ import annotations
 
@@ -14,33 +14,33 @@ from .stating import alteration, effect, speed
 GROUP = "tyres"
 
 FRONT_SHARE = 0.55
-"""Of the lateral load transfer, as springs and stabilisers of most cars have it."""
+"""Front axle's share of the lateral load transfer, by springs and stabilisers of most cars."""
 
 
 NEXT_TO_NOTHING = 1e-4
-"""Of the square of the friction that longitudinal forces use: below a hundredth of it a power of it is smooth."""
+"""Added to the squared share of friction that longitudinal forces use: its power is smooth for shares below 0.01."""
 
 
 def _kept_slope(q: Quantities) -> Symbol | float:
-    """What of its slope at zero slip a tyre keeps whose friction is scaled.
+    """Factor on the slope at zero slip, by which a tyre keeps part of its slope when its friction is scaled.
 
-    A factor on Pacejka's D takes the slope B C D along. On a road of other friction rubber stays as stiff as it is, as
-    brush and Dugoff's tyres have it by themselves (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 3.2, 4.3.2).
+    A factor on Pacejka's D scales the slope B C D as well. On a road of other friction the rubber's stiffness is
+    unchanged, as in the brush and Dugoff's tyre (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 3.2, 4.3.2).
     """
     return q.p.grip_scale ** (q.p.grip_scale_slope - 1) if hasattr(q.p, "B_f") else 1.0
 
 
 COMBINED_POWER, COMBINED_BALANCE = "combined_power", "combined_balance"
-"""How much less than two the power is with which longitudinal forces take from lateral ones, and how much more of their
-friction those of the front axle use than those of the rear one: where a vehicle's file leaves that open."""
+"""Parameters of combined slip that a vehicle file may leave open: two minus the exponent by which longitudinal forces
+reduce lateral ones, and how much larger the share of friction used by them is at the front axle than at the rear."""
 
 
 def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities, side: int) -> Symbol:
-    """Lateral force left beside a longitudinal one: sqrt(1 - |s F_x / peak|^n), rounded where nothing is left.
+    """Lateral force reduced by a longitudinal one: factor sqrt(1 - |s F_x / peak|^n), rounded near zero.
 
-    n = 2 is the friction ellipse. Tyres whose force has the direction of their slip and grows like 1 - exp(-slip), as
-    Burckhardt's, lose half of |F_x / peak| where slip is small, n = 1; a brush loses a third of it, magic formulas lose
-    a part of its square (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 1.2.2, 3.2, 4.3.2).
+    n = 2 is the friction ellipse. Tyres whose force is along their slip and grows like 1 - exp(-slip), such as
+    Burckhardt's, lose half of |F_x / peak| at small slip, n = 1; a brush tyre loses a third of it, magic formulas a
+    part of its square (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 1.2.2, 3.2, 4.3.2).
     """
     share = q.p.combined_slip
     if hasattr(q.p, COMBINED_BALANCE):
@@ -52,10 +52,10 @@ def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities, side: int) -> Symbol:
 
 
 def _friction_of_loads(F_z: Symbol, static: Symbol, share: float, track: Symbol, q: Quantities) -> Symbol:
-    """Friction of an axle over that of two wheels at their static load F_z0, of the stated mass.
+    """Friction of an axle relative to that of two wheels at their static load F_z0 of the stated mass.
 
-    D_wheel = D (1 - k (F_z - F_z0) / F_z0), summed over a left and a right wheel which differ by twice the load
-    transfer; a wheel that lifts has none (smooth, see `remaining`).
+    D_wheel = D (1 - k (F_z - F_z0) / F_z0), summed over left and right wheel, whose loads differ by twice the load
+    transfer; a lifted wheel has no friction (smooth, see `remaining`).
     """
     transfer = share * q.p.m * q.before.a_y * q.p.h_cg / track
     apart = 1 - remaining((2 * transfer / F_z) ** 2)
