@@ -1,1 +1,1 @@
-"""Models for controllers and simulators elsewhere: C, CasADi, acados, ONNX, parameter files."""
+"""Export of models to controllers and simulators: C, CasADi, acados, ONNX, parameter files."""

@@ -1,8 +1,8 @@
-"""Equations of motion as plain functions of state, input, parameters and step: what every target is written from.
+"""Equations of motion as plain functions of state, input, parameters and step, from which all targets are written.
 
 The state x holds the model's states, then its actuators', then its relaxed quantities; commands are held over a step.
-Pure delays of commands and latencies of readings are no part of these functions: who simulates or plans hands in the
-command that acts, and reads the state that is seen (`delays`, `latencies`).
+Pure delays of commands and latencies of readings are not part of these functions: users pass the command that acts, and
+read the state at the time of the reading (`delays`, `latencies`).
 """
 
 from __future__ import annotations
@@ -37,18 +37,18 @@ class Named:
 
 
 class Equations:
-    """A motion model's functions, all of column vectors, dense.
+    """Functions of a motion model, all of dense column vectors.
 
     Parameters
     ----------
-    model : at the values that are to be the default parameters.
-    moving : names of the parameters that p holds; others are constants of the equations. None: p holds them all.
+    model : at the values of the default parameters.
+    moving : names of the parameters in p; others are constants of the equations. None: p holds all.
 
     Attributes
     ----------
     values : the default p.
-    states, inputs, parameters, outputs : what the entries of x, u, p and y are.
-    delayed, late : inputs that arrive late, outputs that are read late, in the order of `delays` and `latencies`.
+    states, inputs, parameters, outputs : meaning of the entries of x, u, p and y.
+    delayed, late : inputs with a delay, outputs with a latency, in the order of `delays` and `latencies`.
     """
 
     def __init__(self, model: MotionModel, moving: Collection[str] | None = None) -> None:
@@ -79,7 +79,7 @@ class Equations:
 
     @cached_property
     def output(self) -> cs.Function:
-        """(x, u, p) -> y, what sensors read, but for their latency."""
+        """(x, u, p) -> y, readings of sensors without their latency."""
         return self._function("output", self._trace.output)
 
     @property
@@ -89,7 +89,7 @@ class Equations:
 
     @cached_property
     def settled(self) -> cs.Function:
-        """(x, u, p) -> x with actuators at their commands and relaxed quantities where they settle."""
+        """(x, u, p) -> x with actuators at their commands and relaxed quantities at their steady values."""
         names = tuple(state.name for state in self.model.states)
         value = self._trace.start(names, names)(self.x[: len(names)], self.u, self._all_of_p)
         return cs.Function(
@@ -98,16 +98,16 @@ class Equations:
 
     @cached_property
     def delays(self) -> cs.Function:
-        """(p) -> by how many seconds the commands named in `delayed` arrive late."""
+        """(p) -> delays, s, of the commands in `delayed`."""
         return self._shifts("delays", slice(None, len(self.delayed)))
 
     @cached_property
     def latencies(self) -> cs.Function:
-        """(p) -> by how many seconds the outputs named in `late` are read late."""
+        """(p) -> latencies, s, of the outputs in `late`."""
         return self._shifts("latencies", slice(len(self.delayed), None))
 
     def shifts(self) -> dict[str, float]:
-        """Delays of inputs and latencies of outputs at the default parameters, s; those of no time are left out."""
+        """Non-zero delays of inputs and latencies of outputs at the default parameters, s."""
         names = [f"delay of {name}" for name in self.delayed] + [f"latency of {name}" for name in self.late]
         values = np.array(self._trace.timing(self.model.values)).ravel()
         late = dict(zip(names, values.tolist(), strict=True))
@@ -128,7 +128,7 @@ _RESULTS = {"step": "x_next", "ode": "x_dot", "output": "y"}
 
 
 def joined(model: Model, moving: Collection[str], p: Symbol) -> Symbol:
-    """The model's whole parameter vector: those that move from p, the others as the numbers they are."""
+    """The model's whole parameter vector: adjustable ones from p, the others as constants."""
     parts, start = [], 0
     for parameter in model.parameters:
         if parameter.name in moving:
@@ -140,7 +140,7 @@ def joined(model: Model, moving: Collection[str], p: Symbol) -> Symbol:
 
 
 def entries(parameter: Parameter) -> list[Named]:
-    """The numbers a parameter holds, in the order in which they stand in p: F[0,1] of an array F."""
+    """The entries of a parameter in their order in p: F[0,1] of an array F."""
     if parameter.shape == ():
         return [Named(parameter.name, parameter.unit, parameter.about)]
     places = (",".join(map(str, place)) for place in np.ndindex(*parameter.shape))

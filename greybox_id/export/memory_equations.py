@@ -1,8 +1,8 @@
-"""A map with memory as plain functions of state, input and parameters, running on its own predictions.
+"""Models with memory as plain functions of state, input and parameters, in closed loop on their own predictions.
 
-The state x holds, in this order, what the map has predicted and its sensors may still show, what its actuators are at,
-and its window: past inputs as the equations saw them, as far back as they look. Inputs that follow from the model's own
-outputs are fed back and are no part of u. A step is one sample long.
+The state x holds, in this order, the recent predictions that sensors may still read, the states of actuators, and the
+window: past inputs as the equations use them, as far back as they look. Inputs that follow from the model's own outputs
+are fed back and are not part of u. A step is one sample.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from .subject import Subject
 
 
 class MemoryEquations:
-    """A map with memory's functions, all of column vectors, dense.
+    """Functions of a model with memory, all of dense column vectors.
 
     Parameters
     ----------
-    model : at the values that are to be the default parameters.
-    moving : names of the parameters that p holds; others are constants of the equations. None: p holds them all.
+    model : at the values of the default parameters.
+    moving : names of the parameters in p; others are constants of the equations. None: p holds all.
 
     Attributes
     ----------
     values : the default p.
-    chosen : the parameters that p holds.
-    states, inputs, parameters, outputs : what the entries of x, u, p and y are.
+    chosen : the parameters in p.
+    states, inputs, parameters, outputs : meaning of the entries of x, u, p and y.
     sample_time : s, of a step.
-    all_of_p : all parameters of the model, those that p holds as its symbols.
-    trace : the equations in stages: what windows look at, the windows, what becomes of them.
-    held : output -> how many of its predictions x holds, newest first.
-    looked_back : input -> how many of its past samples x holds, oldest first.
+    all_of_p : all parameters of the model, those in p as symbols.
+    trace : the equations in stages: signals of the windows, the windows' products, outputs.
+    held : output -> number of its predictions in x, newest first.
+    looked_back : input -> number of its past samples in x, oldest first.
     """
 
     def __init__(self, model: MemoryModel, moving: Collection[str] | None = None) -> None:
@@ -65,21 +65,21 @@ class MemoryEquations:
 
     @cached_property
     def step(self) -> cs.Function:
-        """(x, u, p) -> x a sample later, fed by its own predictions."""
+        """(x, u, p) -> x one sample later, using the model's own predictions."""
         now, actuators, past = self._split()
         following = self._followed(now, actuators, past, None)
         return cs.Function("step", [self.x, self.u, self.p], [following], ["x", "u", "p"], ["x_next"])
 
     @cached_property
     def push(self) -> cs.Function:
-        """(x, u, y, p) -> x a sample later, when y was read instead: what fills the window before the loop runs."""
+        """(x, u, y, p) -> x one sample later, using readings y instead: fills the window before the loop runs."""
         y = cs.SX.sym("y", len(self.outputs))
         following = self._followed(*self._split(), y)
         return cs.Function("push", [self.x, self.u, y, self.p], [following], ["x", "u", "y", "p"], ["x_next"])
 
     @cached_property
     def output(self) -> cs.Function:
-        """(x, u, p) -> y, what sensors read now."""
+        """(x, u, p) -> y, the present readings of sensors."""
         now, _, _ = self._split()
         read = [
             sum(weight * then for weight, then in zip(self.sensor_weights(name), now[name], strict=True))
@@ -90,7 +90,7 @@ class MemoryEquations:
 
     @cached_property
     def seen(self) -> cs.Function:
-        """(newest predictions, actuators, u, p) -> inputs as the equations see them now, actuators a sample later."""
+        """(newest predictions, actuators, u, p) -> inputs as used by the equations now, actuators one sample later."""
         y, actuators = cs.SX.sym("y", len(self.outputs)), cs.SX.sym("actuators", len(self.model.actuators))
         seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
         moved = []
@@ -104,11 +104,11 @@ class MemoryEquations:
         return cs.Function("seen", [y, actuators, self.u, self.p], results, ["y", "a", "u", "p"], ["seen", "a_next"])
 
     def sensor_weights(self, name: str) -> Sequence[Symbol]:
-        """Weights of an output's last predictions, newest first, in what is read of it now."""
+        """Weights of an output's last predictions, newest first, in its present reading."""
         return self._weights.get(name, (cs.SX(1),))
 
     def _depth(self, number: int) -> int:
-        """How many samples before the newest one the equations see of an input."""
+        """Number of samples before the newest one on which the equations depend, for an input."""
         rows = [k for k in range(self.trace.memory) if cs.depends_on(self._predicted, self._window[number, k])]
         return self.trace.memory - 1 - min(rows, default=self.trace.memory - 1)
 
@@ -139,7 +139,7 @@ class MemoryEquations:
     def _followed(
         self, now: dict[str, list[Symbol]], actuators: list[Symbol], past: dict[str, list[Symbol]], y: Symbol | None
     ) -> Symbol:
-        """x a sample later; y takes the place of what would be predicted."""
+        """x one sample later; y, if given, replaces the prediction."""
         newest = cs.vertcat(*[now[name][0] for name in self.model.outputs])
         seen, moved = self.seen(newest, cs.vertcat(*actuators), self.u, self.p)
         windows = {name: [*past[name], seen[k]] for k, name in enumerate(self.model.inputs)}
@@ -157,18 +157,18 @@ class MemoryEquations:
 
 
 def equations_of(subject: Subject) -> Equations | MemoryEquations:
-    """The functions of a model, whichever kind it is of.
+    """The functions of a model of either kind.
 
     Raises
     ------
-    BadInput : it has none, as hybrids do not whose network has a memory, or says increments.
+    BadInput : there are none, as for hybrids whose network has a memory, or predicts increments.
     """
     return exported(subject.model, subject)
 
 
 @by_kind
 def exported(model: Model, subject: Subject) -> Equations | MemoryEquations:
-    """The functions of a subject's model: those of the equations of motion that it amounts to."""
+    """The functions of a subject's model: by default those of equivalent equations of motion."""
     return subject.equations
 
 
@@ -178,9 +178,9 @@ def _exported(model: MemoryModel, subject: Subject) -> MemoryEquations:
 
 
 def shifts_left_out(subject: Subject) -> list[str]:
-    """Sentences on delays and latencies, which are no part of a model of motion's functions."""
+    """Sentences on delays and latencies, which the functions of a motion model do not include."""
     equations = equations_of(subject)
-    if isinstance(equations, MemoryEquations):  # they are in its windows
+    if isinstance(equations, MemoryEquations):  # the windows include them
         return []
     result = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
     return (

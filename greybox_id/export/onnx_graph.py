@@ -1,9 +1,9 @@
-"""CasADi functions and steps of maps with memory as ONNX graphs in double precision.
+"""CasADi functions and steps of models with memory as ONNX graphs in double precision.
 
-The graph works on columns, (batch, 1) each, so that a batch of points goes through at once. ONNX lets its operators
-take doubles, but runtimes do not have them all: onnxruntime lacks Tan and Atan, and ONNX has no Atan2 and no Expm1.
-These are made of operators that there are, to a few units in the last place. The window of a map with memory is one
-array, (batch, memory), not twenty columns: written out sample by sample the graph would have thousands of nodes, which
+The graph works on columns, (batch, 1) each, so that a batch of points is evaluated at once. ONNX defines its operators
+for doubles, but runtimes do not implement all: onnxruntime lacks Tan and Atan, and ONNX has no Atan2 and no Expm1.
+These are composed of other operators, accurate to a few units in the last place. The window of a model with memory is
+one array, (batch, memory), not twenty columns: written sample by sample the graph would have thousands of nodes, which
 runtimes take a minute to load.
 """
 
@@ -25,32 +25,32 @@ _DOUBLE, _FLOAT, _BOOL = TensorProto.DOUBLE, TensorProto.FLOAT, TensorProto.BOOL
 
 
 class Builder:
-    """Nodes and constants in the making; operators give the name of their result."""
+    """Builds nodes and constants; methods return the name of the node's result."""
 
     def __init__(self) -> None:
         self.nodes: list[onnx.NodeProto] = []
         self._initializers: dict[str, onnx.TensorProto] = {}
 
     def add(self, operator: str, *sources: str, **attributes: Any) -> str:
-        """A node with one result; its name."""
+        """Add a node with one result; returns its name."""
         return self.several(operator, 1, *sources, **attributes)[0]
 
     def several(self, operator: str, results: int, *sources: str, **attributes: Any) -> list[str]:
-        """A node with several results; their names."""
+        """Add a node with several results; returns their names."""
         names = [f"v{len(self.nodes)}_{k}" for k in range(results)]
         self.nodes.append(helper.make_node(operator, list(sources), names, **attributes))
         return names
 
     def name(self, result: str, operator: str, *sources: str, **attributes: Any) -> None:
-        """A node whose result has a name of its own."""
+        """Add a node whose result gets a given name."""
         self.nodes.append(helper.make_node(operator, list(sources), [result], **attributes))
 
     def constant(self, value: float) -> str:
-        """A number, each once."""
+        """Name of a constant; equal numbers share one."""
         return self._held(value.hex(), _DOUBLE, [1, 1], [value])
 
     def numbers(self, *whole: int) -> str:
-        """A list of whole numbers, each once."""
+        """Name of a constant list of integers; equal lists share one."""
         return self._held(str(whole), TensorProto.INT64, [len(whole)], list(whole))
 
     def model(
@@ -62,15 +62,15 @@ class Builder:
         defaults: Mapping[str, Sequence[float]],
         about: Mapping[str, str],
     ) -> onnx.ModelProto:
-        """What was built, checked.
+        """The checked ONNX model of the graph built so far.
 
         Parameters
         ----------
         name : of the graph.
         opset : version of ONNX's operators.
-        inputs, outputs : name -> its shape.
-        defaults : input -> its entries where nobody hands it in.
-        about : what the model's metadata say.
+        inputs, outputs : name -> shape.
+        defaults : input -> default entries.
+        about : the model's metadata.
         """
         given, made = (
             [helper.make_tensor_value_info(name, _DOUBLE, shape) for name, shape in named.items()]
@@ -91,31 +91,32 @@ class Builder:
 
 
 def graph_of(function: cs.Function) -> Builder:
-    """A CasADi function of SX columns, dense, with one dense result, which the graph calls as the function does."""
+    """Graph of a CasADi function of dense SX columns with one dense result; names of inputs and result are kept."""
     builder = Builder()
     names = function.name_in()
     places = [columns(builder, name, [1] * function.numel_in(k)) for k, name in enumerate(names)]
     (results,) = translated(builder, function, places)
     rows = builder.add("Slice", builder.add("Shape", names[0]), builder.numbers(0), builder.numbers(1))
     size = builder.add("Concat", rows, builder.numbers(1), axis=0)
-    whole = [builder.add("Expand", name, size) for name in results]  # though it be the same for all of the batch
+    whole = [builder.add("Expand", name, size) for name in results]  # also if it is constant over the batch
     builder.name(function.name_out()[0], "Concat", *whole, axis=1)
     return builder
 
 
 def columns(builder: Builder, name: str, widths: Sequence[int]) -> list[str]:
-    """An array (batch, n) cut into pieces of these widths."""
+    """An array (batch, n) split into pieces of these widths."""
     if len(widths) < 2:
         return [name] * len(widths)
     return builder.several("Split", len(widths), name, builder.numbers(*widths), axis=1)
 
 
 def translated(builder: Builder, function: cs.Function, places: Sequence[Sequence[str]]) -> list[list[str]]:
-    """A CasADi function on entries of its arguments that stand at these places: the names of each result's entries.
+    """A CasADi function applied to arguments given by the names of their entries; returns the names of results'
+    entries.
 
-    Raises `BadInput` for an operation that the table lacks.
+    Raises `BadInput` for an operation that is not in `OPERATIONS`.
     """
-    slots: dict[int, str] = {}  # CasADi uses the entries of its work vector again and again
+    slots: dict[int, str] = {}  # CasADi reuses the entries of its work vector
     results = [[""] * function.numel_out(k) for k in range(function.n_out())]
     for k in range(function.n_instructions()):
         op, sources, targets = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
@@ -133,7 +134,7 @@ def translated(builder: Builder, function: cs.Function, places: Sequence[Sequenc
 
 
 def step_of(equations: MemoryEquations) -> Builder:
-    """(x, u, p) -> x_next, of one set of parameters."""
+    """(x, u, p) -> x_next, for a single set of parameters."""
     builder, trace = Builder(), equations.trace
     given = columns(builder, "p", [1] * len(equations.parameters))
     p = _all_parameters(builder, equations, given)
@@ -165,7 +166,7 @@ def step_of(equations: MemoryEquations) -> Builder:
 
 
 def _all_parameters(builder: Builder, equations: MemoryEquations, given: list[str]) -> list[str]:
-    """Those that p holds from there, the others as numbers."""
+    """All parameters: those in p from the input, the others as constants."""
     left, chosen = iter(given), {parameter.name for parameter in equations.chosen}
     return [
         next(left) if parameter.name in chosen else builder.constant(value)
@@ -175,7 +176,7 @@ def _all_parameters(builder: Builder, equations: MemoryEquations, given: list[st
 
 
 def _split(builder: Builder, equations: MemoryEquations) -> tuple[list[list[str]], list[str], list[list[str]]]:
-    """Predictions of each output, newest first; actuators; the past of each input, none where it is not held."""
+    """Predictions of each output, newest first; actuators; the past of each input, empty if none is held."""
     counts = [count for count in equations.looked_back.values() if count]
     predicted, actuators = sum(equations.held.values()), len(equations.model.actuators)
     pieces = iter(columns(builder, "x", [*[1] * (predicted + actuators), *counts]))
@@ -188,7 +189,7 @@ def _split(builder: Builder, equations: MemoryEquations) -> tuple[list[list[str]
 
 
 def _reaching(builder: Builder, name: str, past: int, memory: int) -> str:
-    """An input over the longest window, its oldest sample held before; nothing looks there."""
+    """An input extended to the longest window by repeating its oldest sample, whose weights are zero there."""
     missing = memory - 1 - past
     if not missing:
         return name
@@ -204,7 +205,7 @@ def _plain(operator: str, **attributes: Any) -> Row:
 
 
 def _test(operator: str, operands: Callable[..., tuple[str, ...]] = lambda to, *item: item) -> Row:
-    """A comparison; CasADi counts true as one."""
+    """A comparison; CasADi represents true as one."""
     return lambda to, *item: to.add("Cast", to.add(operator, *operands(to, *item)), to=_DOUBLE)
 
 
@@ -221,17 +222,17 @@ def _tan(to: Builder, x: str) -> str:
 
 
 def _atan(to: Builder, x: str) -> str:
-    """In single precision, and the rest exactly: atan(x) = a + atan((x cos a - sin a) / (cos a + x sin a))."""
-    x = to.add("Max", to.add("Min", x, to.constant(1e300)), to.constant(-1e300))  # infinity times zero is no number
+    """Atan in single precision, and the exact rest: atan(x) = a + atan((x cos a - sin a) / (cos a + x sin a))."""
+    x = to.add("Max", to.add("Min", x, to.constant(1e300)), to.constant(-1e300))  # avoids infinity times zero
     a = to.add("Cast", to.add("Atan", to.add("Cast", x, to=_FLOAT)), to=_DOUBLE)
     c, s = to.add("Cos", a), to.add("Sin", a)
     across = to.add("Sub", to.add("Mul", x, c), s)
     along = to.add("Add", c, to.add("Mul", x, s))
-    return to.add("Add", a, to.add("Div", across, along))  # the rest's third power is below 1e-18
+    return to.add("Add", a, to.add("Div", across, along))  # the third power of the rest is below 1e-18
 
 
 def _atan2(to: Builder, y: str, x: str) -> str:
-    """The angle of the smaller over the larger, put into its octant."""
+    """The angle of the smaller over the larger magnitude, mapped to its octant."""
     high, wide = to.add("Abs", y), to.add("Abs", x)
     larger = to.add("Max", high, wide)
     nowhere = to.add("Equal", larger, to.constant(0.0))
@@ -244,7 +245,7 @@ def _atan2(to: Builder, y: str, x: str) -> str:
 
 
 def _expm1(to: Builder, x: str) -> str:
-    """2 t / (1 - t) with t = tanh(x / 2), and where that cancels exp(x) - 1."""
+    """2 t / (1 - t) with t = tanh(x / 2), or exp(x) - 1 where the former cancels."""
     t = to.add("Tanh", to.add("Mul", x, to.constant(0.5)))
     one = to.constant(1.0)
     near = to.add("Div", to.add("Add", t, t), to.add("Sub", one, t))
@@ -289,4 +290,4 @@ OPERATIONS: Mapping[int, Row] = {
     cs.OP_OR: _logic("Or"),
     cs.OP_IF_ELSE_ZERO: _if_else_zero,
 }
-"""CasADi's operation -> what it is in ONNX."""
+"""CasADi operation -> ONNX operators."""

@@ -1,4 +1,4 @@
-"""Points at which an export is compared with the equations it was written from."""
+"""Random points at which an export is compared with its equations."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .equations import Equations, Named
 FAST, AT_REST = 25.0, 0.1
 """Highest speed, m/s, and the share of points at standstill."""
 SHORTEST, LONGEST = 1e-3, 0.05
-"""Steps, s."""
+"""Range of steps, s."""
 SPREAD = 0.1
 """Standard deviation of the logarithm of parameters about their values."""
 USUAL = {
@@ -21,7 +21,7 @@ USUAL = {
 """Standard deviations of states and inputs by name, SI."""
 BY_UNIT = {"N": 2000.0, "m/s": 0.5, "rad": 0.1, "rad/s": 0.5, "m/s^2": 3.0}
 ACCELERATION = 3.0
-"""Standard deviation of what the drive gives, m/s^2."""
+"""Standard deviation of the acceleration by the drive, m/s^2."""
 
 
 def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Array]:
@@ -38,7 +38,7 @@ def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Arra
             per_unit = float(equations.model["force_per_unit"].array / equations.model["m"].array)
             u[:, k] = ACCELERATION / max(per_unit, 1e-9) * rng.standard_normal(count)
     rest = rng.random(count) < AT_REST
-    x[rest], u[rest] = 0.0, 0.0  # where limits and signs meet, too
+    x[rest], u[rest] = 0.0, 0.0  # also tests limits and signs at zero
     p = equations.values * np.exp(SPREAD * rng.standard_normal((count, len(equations.parameters))))
     return {"x": x, "u": u, "p": p, "dt": rng.uniform(SHORTEST, LONGEST, count)}
 

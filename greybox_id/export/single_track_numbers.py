@@ -1,4 +1,4 @@
-"""The numbers of a single track that parameter files hold, with what effects make of them: at rest on a level road."""
+"""Parameters of a single track for parameter files, including the model's effects, at rest on a level road."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..models.motion_model import MotionModel, Quantities
 from .subject import Subject
 
 G = 9.81
-"""Gravity, m/s^2, as f1tenth_gym and the ForzaETH race stack have it."""
+"""Gravity, m/s^2, as in f1tenth_gym and the ForzaETH race stack."""
 HELD = (
     "mass_change",
     "yaw_inertia",
@@ -26,14 +26,14 @@ HELD = (
     "grip_scale",
     "load_sensitivity",
 )
-"""Effects that mass, inertia, lengths and tyres hold, as they are at rest."""
+"""Effects that mass, inertia, lengths and tyres at rest include."""
 _ALTERED = ("m", "I_z", "l_f", "l_r")
 _TOLD = ("peak_f", "peak_r", "stiffness_f", "stiffness_r", *(f"altered_{name}" for name in _ALTERED))
 _SLOPED = ("F_yf", "F_yr", "alpha_f", "alpha_r")
 
 
 def without_form_error(subject: Subject) -> list[str]:
-    """That files of numbers hold the nearest formula of a curve whose error was estimated."""
+    """Sentence that parameter files contain the nearest formula if a curve's form error was estimated."""
     if subject.model.settings.get("form", "exact") == "exact":
         return []
     return [
@@ -51,7 +51,7 @@ class Axle:
     load : m g times the other axle's share of the wheelbase, N.
     C_alpha : cornering stiffness, N/rad.
     peak : largest lateral force, N; infinite on linear tyres.
-    B, C, E : Pacejka's stiffness factor [1/rad], shape and curvature; None on another tyre.
+    B, C, E : Pacejka's stiffness factor [1/rad], shape and curvature; None for other tyres.
     """
 
     load: float
@@ -63,22 +63,22 @@ class Axle:
 
     @property
     def pacejka(self) -> list[float] | None:
-        """B [1/rad], C, D and E of F_y = D load sin(C atan(B a - E (B a - atan(B a)))); None on another tyre."""
+        """B [1/rad], C, D and E of F_y = D load sin(C atan(B a - E (B a - atan(B a)))); None for other tyres."""
         if self.B is None or self.C is None or self.E is None:
             return None
-        rises = sin(min(self.C, 1.0) * pi / 2)  # below C = 1 no slip reaches D
+        rises = sin(min(self.C, 1.0) * pi / 2)  # for C < 1 the force stays below D
         return [self.B, self.C, self.peak / (self.load * rises), self.E]
 
 
 @dataclass(frozen=True)
 class SingleTrack:
-    """A vehicle's numbers.
+    """A vehicle's single-track parameters.
 
     Attributes
     ----------
-    m, I_z : kg, kg m^2, as they resist acceleration.
+    m, I_z : inertial mass, kg, and yaw inertia, kg m^2.
     l_f, l_r : axles to centre of gravity, m.
-    h_cg : its height, m; None where the model has none.
+    h_cg : height of the centre of gravity, m; None if the model has none.
     front, rear : the axles.
     """
 
@@ -92,13 +92,13 @@ class SingleTrack:
 
     @property
     def mu(self) -> float | None:
-        """Largest lateral force of both axles over the weight; None on linear tyres."""
+        """Largest lateral force of both axles over the weight; None for linear tyres."""
         both = self.front.peak + self.rear.peak
         return both / (self.m * G) if isfinite(both) else None
 
 
 def single_track_of(subject: Subject) -> SingleTrack:
-    """The numbers of a model with two axles and tyres. Raises `BadInput` for another model."""
+    """The parameters of a model with two axles and tyres. Raises `BadInput` for other models."""
     no_tyres = f"{subject.model.name} has no tyres; this target takes single_track and lateral only."
     model = must_be(MotionModel, subject.model, no_tyres)
     if "peak_f" not in model.quantities:
@@ -118,12 +118,12 @@ def _axle(model: MotionModel, suffix: str, load: float, C_alpha: float, peak: fl
 
 
 def value_of(model: Model, name: str) -> float | None:
-    """A parameter's value; None where the model has none of that name."""
+    """A parameter's value; None if the model does not have it."""
     return float(model[name].array) if name in model else None
 
 
 def _at_rest(model: MotionModel) -> tuple[list[float], list[float]]:
-    """The numbers of `_TOLD`, and the slopes of the axles' forces over their slip angles, N/rad."""
+    """The quantities `_TOLD`, and the slopes of the axles' forces over their slip angles, N/rad."""
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         for name in _ALTERED:

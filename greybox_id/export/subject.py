@@ -1,6 +1,6 @@
-"""What is exported: a model at its values, and where these come from.
+"""The subject of an export: a model with its values and their source.
 
-Where the entries of exported files come from.
+Also the origin of each entry of the exported files.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class Subject:
     Attributes
     ----------
     model : at the values that become the default parameters.
-    name : what files and functions are called after: lower-case letters, digits and underscores.
-    moving : names of the parameters that can be changed afterwards; others become constants. None: all of them.
-    fit : where the values come from; None where they are stated.
-    source : the fit's or vehicle's name, for people.
-    command : what reproduces the export.
-    vehicle : whose numbers the model has, where they are a vehicle's.
+    name : prefix of files and functions: lower-case letters, digits and underscores.
+    moving : names of the parameters that remain adjustable; others become constants. None: all of them.
+    fit : source of the values; None if they are stated.
+    source : name of the fit or vehicle, for people.
+    command : reproduces the export.
+    vehicle : whose values the model has, if they are a vehicle's.
     """
 
     model: Model
@@ -62,13 +62,13 @@ class Subject:
 
     @cached_property
     def equations(self) -> Equations:
-        """The functions of a model of motion. Raises `BadInput` for other models."""
+        """The functions of a motion model. Raises `BadInput` for other models."""
         model = equations_of_motion(self.model, f"; this target takes {_MOTION} only")
         moving = None if self.moving is None else [name for name in self.moving if name in model]
         return Equations(self._as_recorded(model), moving)
 
     def _as_recorded(self, model: MotionModel) -> MotionModel:
-        """The model whose inputs are the signals that the fit has seen, where any of several might be one."""
+        """The model with each alternative input narrowed to the signal that the fit used."""
         seen = {} if self.fit is None else self.fit.how.get("inputs", {})
         narrowed = {name: (seen[name],) if name in seen else aliase for name, aliase in model.aliases.items()}
         return replace(model, aliases=narrowed)
@@ -107,7 +107,7 @@ class Subject:
 
 
 def named_in_c(name: str) -> None:
-    """Raise `BadInput` where functions in C cannot be called so."""
+    """Raise `BadInput` if a name is not valid for functions in C."""
     if not NAME.fullmatch(name) or name in RESERVED or keyword.iskeyword(name):
         raise BadInput(
             f"{name!r} cannot name C functions. A name has at most 40 lower-case letters, digits and underscores, "
@@ -125,15 +125,14 @@ def _interval(fit: Fit, name: str) -> list[Any] | None:
 
 @dataclass(frozen=True)
 class KeyOrigin:
-    """An entry of a file.
+    """An entry of a file and its origin.
 
     Attributes
     ----------
-    file : which.
     key : of the entry.
-    value : in the file's unit; None where it is left open.
-    behind : the parameter or effect it holds; "" where there is none.
-    why : why it stands at a default or is left open, as a clause; "" where something is behind it.
+    value : in the file's unit; None if it is left open.
+    behind : the parameter or effect that determines it; "" if none.
+    why : reason for a default or an open value, as a clause; "" if a parameter or effect determines it.
     """
 
     file: str
@@ -143,7 +142,7 @@ class KeyOrigin:
     why: str = ""
 
     def plain(self) -> dict[str, Any]:
-        """As plain data, for a manifest."""
+        """The entry as plain data, for a manifest."""
         value = list(self.value) if isinstance(self.value, (list, tuple)) else self.value
         known = {"file": self.file, "key": self.key, "value": value}
         return known | ({"from": self.behind} if self.behind else {"default": self.why})

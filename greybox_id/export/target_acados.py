@@ -1,6 +1,6 @@
-"""Target `acados`: what the target casadi writes, and a module that builds an AcadosModel of it.
+"""Target `acados`: the files of the target casadi, and a module that builds an AcadosModel from them.
 
-Attributes of AcadosModel as the acados documentation names them: name, x, u, p, xdot, f_expl_expr, f_impl_expr,
+Attributes of AcadosModel as in the acados documentation: name, x, u, p, xdot, f_expl_expr, f_impl_expr,
 disc_dyn_expr, x_labels, u_labels, t_label.
 """
 

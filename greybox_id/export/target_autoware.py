@@ -1,6 +1,6 @@
 """Target `autoware`: parameter files of Autoware's planning simulator, vehicle and lateral controller.
 
-Every key has a parameter or effect behind it, or stands at the default that Autoware publishes (sample vehicle, MPC
+Every key is determined by a parameter or effect, or has the default that Autoware publishes (sample vehicle, MPC
 lateral controller). Sources: documentation of simple_planning_simulator, vehicle_info_utils, mpc_lateral_controller and
 raw_vehicle_cmd_converter of Autoware Universe.
 """
@@ -20,10 +20,10 @@ from .target_ros2 import parameter_file, texts
 SIMULATOR, VEHICLE, CONTROLLER = "simulator_model.param.yaml", "vehicle_info.param.yaml", "mpc.param.yaml"
 ACCELERATING, BRAKING = "accel_map.csv", "brake_map.csv"
 SPEEDS = (0.0, 1.39, 2.78, 4.17, 5.56, 6.94, 8.33, 9.72, 11.11, 12.5, 13.89)
-"""m/s, of the maps that Autoware ships."""
+"""Speeds, m/s, of the maps that Autoware ships."""
 PEDALS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
 SHORTEST = 0.03
-"""s; the planning simulator takes time constants shorter than this as this."""
+"""s; the planning simulator raises shorter time constants to this value."""
 ACTUATORS = {
     "steer_time_delay": "steering_delay", "steer_time_constant": "steering_lag",
     "steer_rate_lim": "steering_rate_limit",
@@ -31,11 +31,11 @@ ACTUATORS = {
     "debug_steer_scaling_factor": "steering_ratio", "acc_time_constant": "motor_lag",
     "debug_acc_scaling_factor": "motor_gain", "vel_rate_lim": "motor_saturation",
 }  # fmt: skip
-"""Keys of the simulator that an effect holds."""
+"""Keys of the simulator -> effect that determines them."""
 
 
 class AutowareEntry(NamedTuple):
-    """A key that stands at a default unless something is behind it."""
+    """A key with its default, used unless a parameter or effect determines it."""
 
     key: str
     default: float | str | bool | tuple[float, ...]
@@ -57,12 +57,12 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """What is behind each key, or why it stands at its default."""
+    """Origin of each key, or the reason for its default."""
     return [_origin(subject, file, entry) for file, entries in _entries(subject).items() for entry in entries]
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what these files do not hold."""
+    """Sentences on what these files lack."""
     held = (*ACTUATORS.values(), *HELD)
     model = subject.model
     lost = [name for name in model.effects if name not in held]
@@ -147,7 +147,7 @@ def _simulator(subject: Subject) -> list[AutowareEntry]:
 
 
 def _scaled_after(subject: Subject) -> float:
-    """What the offset is multiplied by: the ratio, where that effect was added later."""
+    """Factor on the offset: the steering ratio if that effect was added after it, else one."""
     effects = list(subject.model.effects)
     if "steering_ratio" not in effects or "steering_offset" not in effects:
         return 1.0
@@ -200,13 +200,13 @@ def _controller(subject: Subject, numbers: SingleTrack) -> list[AutowareEntry]:
 
 
 def _has_pedals(subject: Subject) -> bool:
-    """Whether the drive is a share of full throttle, as the fit has seen it."""
+    """Whether the fit's drive signal is the throttle, a share of full throttle."""
     seen = {} if subject.fit is None else subject.fit.how.get("inputs", {})
     return seen.get("drive") == "throttle"
 
 
 def _map(subject: Subject, sign: float) -> str:
-    """Acceleration, m/s^2, over pedal and speed on a level road, straight ahead, once lags are over."""
+    """Steady acceleration, m/s^2, over pedal and speed on a level road, straight ahead."""
     e = subject.equations
     places = {state.name: k for k, state in enumerate(e.states)}, {item.name: k for k, item in enumerate(e.inputs)}
     rows = [["default", *(f"{v:g}" for v in SPEEDS)]]

@@ -1,9 +1,4 @@
-"""C99 of a model, with a self-test, an example and a CMake target.
-
-A C program that shows how an export is used.
-
-How an export is built, for CMake and for people.
-"""
+"""Target `c`: C99 of a model, with a self-test, an example program, a CMake target and a README."""
 
 from __future__ import annotations
 
@@ -26,7 +21,7 @@ def cmake(name: str) -> str:
 
 
 def commands(name: str) -> str:
-    """Of a shell, that build the library, the self-test and the example."""
+    """Shell commands that build the library, the self-test and the example."""
     return f"""\
     cmake -S . -B build && cmake --build build && ctest --test-dir build     # compares it with Python's numbers
     gcc -std=c99 -O2 {name}.c main.c -lm -o example && ./example
@@ -34,7 +29,7 @@ def commands(name: str) -> str:
 
 
 def read_me(written: MotionC | MemoryC) -> str:
-    """`README.md`: what is there and how to build it."""
+    """`README.md`: list of functions and build instructions."""
     functions = "\n".join(f"| `{function}` | {task} |" for function, task in written.tasks.items())
     return filled(
         "c_readme.md", written.name, TITLE=written.title, COMMANDS=commands(written.name), FUNCTIONS=functions,
@@ -43,7 +38,7 @@ def read_me(written: MotionC | MemoryC) -> str:
 
 
 def example(written: MotionC) -> str:
-    """`main.c`: five seconds of a step steer, or of whatever inputs there are, printed as CSV."""
+    """`main.c`: five seconds of a step steer, or of constant inputs, printed as CSV."""
     e = written.equations
     return filled(
         "c_motion_example.c", written.name, TITLE=written.title, LATE=bool(e.delayed), STEER=_steered(e.inputs),
@@ -52,7 +47,7 @@ def example(written: MotionC) -> str:
 
 
 def memory_example(written: MemoryC) -> str:
-    """`main.c`: five seconds of steady inputs with a step of the steering, on the map's own predictions, as CSV."""
+    """`main.c`: five seconds of constant inputs with a step of the steering, on the model's own predictions, as CSV."""
     inputs = written.equations.inputs
     return filled(
         "c_memory_example.c", written.name, TITLE=written.title, STEER=_steered(inputs), U=_at(inputs, 2.0)
@@ -64,7 +59,7 @@ def _steered(inputs: Sequence[Named]) -> bool:
 
 
 def _at(entries: Sequence[Named], speed: float) -> str:
-    """Numbers of a vehicle that drives straight on."""
+    """Values for a vehicle that drives straight on."""
     return ", ".join(number(speed if entry.name == "v_x" else 0.0) for entry in entries)
 
 

@@ -1,4 +1,4 @@
-"""Target `casadi`: serialised functions, and a Python module that loads them and needs nothing but CasADi."""
+"""Target `casadi`: serialised functions, and a Python module that loads them and requires only CasADi."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def functions_of(equations: Equations | MemoryEquations) -> dict[str, cs.Function]:
-    """Name -> function, Jacobians included."""
+    """Name -> function, including Jacobians."""
     step, output = equations.step, equations.output
     result = {"step": step, "output": output}
     if isinstance(equations, MemoryEquations):
@@ -41,12 +41,12 @@ def functions_of(equations: Equations | MemoryEquations) -> dict[str, cs.Functio
 
 
 def file_of(subject: Subject, function: str) -> str:
-    """Name of the file that holds a serialised function."""
+    """Name of the file with a serialised function."""
     return f"{subject.name}_{function}.casadi"
 
 
 def literals(equations: Equations | MemoryEquations) -> str:
-    """What the entries of x, u, p and y are, and the default parameters, as Python."""
+    """Meaning of the entries of x, u, p and y, and the default parameters, as Python code."""
     lists = {"STATES": equations.states, "INPUTS": equations.inputs, "OUTPUTS": equations.outputs}
     lists["PARAMETERS"] = equations.parameters
     text = "".join(f"{name} = (\n{_entries(named)})\n" for name, named in lists.items())
@@ -60,7 +60,7 @@ def _number(value: float) -> str:
 
 
 def _jacobians(function: cs.Function) -> cs.Function:
-    """By x and by u, of the same arguments."""
+    """Jacobians of a function by x and by u, with the same arguments."""
     arguments = dict(zip(function.name_in(), function.sx_in(), strict=True))
     value = function(*arguments.values())
     by = [cs.jacobian(value, arguments[name]) for name in ("x", "u")]

@@ -1,7 +1,7 @@
 """Target `f1tenth`: parameter files of f1tenth_gym and of the ForzaETH race stack.
 
-Both know a single track whose axles pull sideways with mu C_S F_z alpha, C_S the cornering stiffness per load and
-friction [1/rad], or in the race stack with mu F_z D sin(C atan(B a - E (B a - atan(B a)))).
+Both use a single track whose axles' lateral force is mu C_S F_z alpha, C_S the cornering stiffness per load and
+friction [1/rad], or in the race stack mu F_z D sin(C atan(B a - E (B a - atan(B a)))).
 Sources: vehicle_dynamics_st of f1tenth_gym; id_analyser, CarConfig and PacejkaTireConfig of the ForzaETH race stack.
 """
 
@@ -17,9 +17,9 @@ from .subject import Subject
 
 GYM = {"h": 0.074, "s_max": 0.4189, "sv_max": 3.2, "v_switch": 7.319, "a_max": 9.51, "v_min": -5.0, "v_max": 20.0,
        "width": 0.31, "length": 0.58}  # fmt: skip
-"""What f1tenth_gym publishes of its 1:10 car."""
+"""Values published by f1tenth_gym for its 1:10 car."""
 LIKE_THE_GYMS = (0.2, 0.5)
-"""Wheelbases, m, of cars for which the gym's own numbers may stand in."""
+"""Range of wheelbases, m, of cars for which the gym's values may be used as defaults."""
 GYM_HOLDS = (*HELD, "longitudinal_load_transfer", "steering_rate_limit", "motor_saturation")
 STACK_HOLDS = (*GYM_HOLDS, "steering_lag")
 SERVO = {
@@ -27,11 +27,11 @@ SERVO = {
     "C_v": "erpm per speed, s/m", "C_0v": "erpm at rest", "C_acc": "motor current per acceleration, A s^2/m",
     "C_dec": "motor current per deceleration, A s^2/m", "C_R": "motor current per speed, against drag, A s/m",
 }  # fmt: skip
-"""What the race stack asks of a car's electronics, which no model of motion knows."""
+"""Keys of the race stack on a car's electronics, which no motion model determines."""
 
 
 class Line(NamedTuple):
-    """An entry of a file; without a value it stands there as a comment, to be filled in."""
+    """An entry of a file; without a value it is written as a comment, to be filled in."""
 
     key: str
     value: float | str | Sequence[float] | None
@@ -56,7 +56,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what these files do not hold."""
+    """Sentences on what these files lack."""
     numbers = single_track_of(subject)
     result = [f"{which} has no entry for {', '.join(lost)}, which is left out." for which, held in (
         ("f1tenth_gym", GYM_HOLDS), ("The ForzaETH race stack", STACK_HOLDS)
@@ -123,7 +123,7 @@ def _gym(subject: Subject, numbers: SingleTrack) -> list[Line]:
 
 
 def _model_file(subject: Subject, numbers: SingleTrack, car: str, tyre: str) -> list[Line]:
-    """For the stack's system identification: models/CAR/CAR_TYRE.txt; a car's name there has no underscore."""
+    """File for the stack's system identification: models/CAR/CAR_TYRE.txt; a car's name has no underscore there."""
     mu = 1.0 if tyre == "pacejka" or numbers.mu is None else numbers.mu
     axles = {"f": (numbers.front, "front"), "r": (numbers.rear, "rear")}
     tyres = [
@@ -147,7 +147,7 @@ def _model_file(subject: Subject, numbers: SingleTrack, car: str, tyre: str) -> 
 
 
 def _car_model(subject: Subject, numbers: SingleTrack) -> list[Line]:
-    """For stack_master/config/CAR."""
+    """File for stack_master/config/CAR."""
     limits = _limits(subject)
     return [
         Line("m", numbers.m, "kg"),
@@ -165,7 +165,7 @@ def _car_model(subject: Subject, numbers: SingleTrack) -> list[Line]:
 
 
 def _tyres(subject: Subject, numbers: SingleTrack) -> list[Line]:
-    """For stack_master/config/CAR/pacejka/FLOOR/default.yaml."""
+    """File for stack_master/config/CAR/pacejka/FLOOR/default.yaml."""
     front, rear = numbers.front.pacejka or (), numbers.rear.pacejka or ()
     return [
         Line("friction_coeff", 1.0, "by which the forces are multiplied"),
@@ -186,7 +186,7 @@ def _electric(subject: Subject) -> list[Line]:
 
 
 def _limits(subject: Subject) -> dict[str, float | None]:
-    """Limits that the vehicle's file states or the model's effects have."""
+    """Limits stated in the vehicle file or given by the model's effects; None if unknown or infinite."""
     model = subject.model
     result = {
         "s_max": None if subject.vehicle is None else subject.vehicle.steer_max,
@@ -203,7 +203,7 @@ def _stiffness(axle: Axle, mu: float) -> float:
 
 
 def _lost(subject: Subject, held: Sequence[str]) -> list[str]:
-    """Effects, and shifts of tyre curves, that a file cannot hold, with their values."""
+    """Effects, and shifts of tyre curves, that a file cannot contain, with their values."""
     model = subject.model
     shifts = [p.name for p in model.parameters if p.name.startswith(("S_h_", "S_v_")) and float(p.array)]
     names = [*(name for name in model.effects if name not in held), *shifts]
@@ -228,7 +228,7 @@ def _text(line: Line) -> str:
 
 
 def _plain(value: str | float) -> str:
-    """A value as YAML reads it back: a number with an exponent needs a point."""
+    """A value in YAML notation: a number with an exponent needs a decimal point."""
     if isinstance(value, str):
         return yaml_text(value)
     digits, e, exponent = f"{value:.12g}".partition("e")

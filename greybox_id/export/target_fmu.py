@@ -1,6 +1,6 @@
-"""Target `fmu`: the exported C as functional mock-up units of FMI 2.0 and 3.0, sources and binary.
+"""Target `fmu`: the exported C as functional mock-up units of FMI 2.0 and 3.0, with sources and binary.
 
-A unit's binary for this machine: the sources compiled with what compiler there is, for any processor of its kind.
+The binary is compiled for this machine's system and processor family with any available compiler.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SUFFIX = {"linux": ".so", "darwin": ".dylib", "win32": ".dll"}
 
 
 def place(version: int) -> str:
-    """The folder of binaries for this machine, as FMI 2 or 3 calls it."""
+    """The folder of binaries for this machine, in the notation of FMI 2 or 3."""
     machine = {"amd64": "x86_64", "arm64": "aarch64"}.get(platform.machine().lower(), platform.machine().lower())
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
     if version == 2 and machine == "x86_64":
@@ -43,17 +43,17 @@ def place(version: int) -> str:
 
 
 def binaries(sources: Mapping[int, Mapping[str, bytes]], compiled: Mapping[int, Sequence[str]]) -> dict[int, bytes]:
-    """Libraries by version of FMI, their bytes the same for the same sources and compiler.
+    """Libraries by version of FMI; the same sources and compiler give the same bytes.
 
     Parameters
     ----------
-    sources : version -> name of file -> content, headers among them; what is the same is compiled once.
-    compiled : version -> names of those that are compiled.
+    sources : version -> name of file -> content, including headers; common files are compiled once.
+    compiled : version -> names of the files to compile.
 
     Raises
     ------
     CannotCompile : there is no compiler, or it failed.
-    BadInput : there is no room to compile in.
+    BadInput : the temporary folder cannot be written.
     """
     try:
         return _made(sources, compiled)
@@ -87,26 +87,26 @@ def _called(folder: str, *words: str) -> None:
 
 
 def suffix() -> str:
-    """What shared libraries of this system end in."""
+    """Suffix of shared libraries on this system."""
     return SUFFIX.get(sys.platform, ".so")
 
 
 REMEMBERED = 4096
-"""Commands and beginnings of segments that a unit remembers: 0.5 s of steps of a quarter of a millisecond, and cuts."""
+"""Commands and starts of segments that a unit stores: 0.5 s of steps of a quarter of a millisecond, and boundaries."""
 VERSIONS = {2: "", 3: "_fmi3"}
-"""Version of FMI -> what is added to the file's name."""
+"""Version of FMI -> suffix of the file's name."""
 NOBODY = Named("", "")
-"""Stands behind the last entry of tables: C knows no empty ones."""
+"""Dummy last entry of tables, since C has no empty arrays."""
 EPOCH = (1980, 1, 1, 0, 0, 0)
-"""The first time that a zip archive knows."""
+"""Earliest time that a zip archive can store."""
 MODE = 0o644 << 16
 UNSIGNED = "{TOKEN}"
-"""Stands for the token until everything it is made of is known."""
+"""Placeholder of the token until all its sources are known."""
 SHARED = ("instance.h", "instance.c", "shared.h")
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
-    """`NAME.fmu` of FMI 2.0 and `NAME_fmi3.fmu` of FMI 3.0. Raises `BadInput` for what is no model of motion."""
+    """`NAME.fmu` of FMI 2.0 and `NAME_fmi3.fmu` of FMI 3.0. Raises `BadInput` for models other than motion models."""
     steps = steps_of(subject.equations)
     title = f"{subject.model.about} ({subject.model.name}), from {subject.source or 'Python'}"
     about = Description(
@@ -121,7 +121,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
         sources[version] = {**code, **shared, "model.h": model.replace(UNSIGNED, token).encode()}
     try:
         made = binaries(sources, {version: item.sources(version) for version, item in described.items()})
-    except CannotCompile:  # said among the cautions
+    except CannotCompile:  # reported by `cautions`
         made = {}
     return {
         f"{subject.name}{ending}.fmu": archive(_held(subject.name, described[version], sources[version], made, version))
@@ -130,7 +130,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what these files do not hold."""
+    """Sentences on what these files lack."""
     result = []
     try:
         compiler_command()
@@ -147,7 +147,7 @@ def cautions(subject: Subject) -> list[str]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """Every parameter of the unit, and what is behind it."""
+    """Every parameter of the unit, and its origin."""
     names = {item.name.removeprefix("parameters."): item for item in variables_of(subject, steps_of(subject.equations))}
     return [
         KeyOrigin(f"{subject.name}.fmu", f"parameters.{p.name}", names[p.name].start, p.name)
@@ -157,7 +157,7 @@ def origins(subject: Subject) -> list[KeyOrigin]:
 
 
 def _code(subject: Subject, title: str) -> dict[str, bytes]:
-    """The model's own C."""
+    """The model's C sources."""
     line = c_comment(f"{subject.name}: {title}, greybox-id {__version__}.")
     unused = ("step_jacobian", "step_by_p") + (() if continuous(subject.equations) else ("ode_jacobian",))
     written = MotionC(subject.name, subject.equations, line, REMEMBERED, unused)
@@ -177,7 +177,7 @@ def _held(
 
 
 def _token(version: int, *parts: bytes) -> str:
-    """The same for the same unit, in the form of a GUID."""
+    """Identifier of a unit, equal for equal units, in the form of a GUID."""
     digits = hashlib.sha256(b"\0".join((str(version).encode(), *parts))).hexdigest()
     return f"{{{digits[:8]}-{digits[8:12]}-{digits[12:16]}-{digits[16:20]}-{digits[20:32]}}}"
 
@@ -188,7 +188,7 @@ def _shipped(name: str) -> bytes:
 
 
 def _model(subject: Subject, steps: Steps, token: str) -> str:
-    """`model.h`: what the sources that all units share have to know of this one."""
+    """`model.h`: data of this unit for the sources that all units share."""
     e, name = subject.equations, subject.name
     late = {signal: k for k, signal in enumerate(e.late)}
     delays = {signal: k for k, signal in enumerate(e.delayed)}
@@ -207,7 +207,7 @@ def _model(subject: Subject, steps: Steps, token: str) -> str:
 
 
 def _speed(e: Equations) -> tuple[int, str]:
-    """Where the speed stands, and among what."""
+    """Index of the speed, and whether it is a state or an input."""
     for kind, entries in (("state", e.states), ("input", e.inputs)):
         for k, entry in enumerate(entries):
             if entry.name == "v_x":
@@ -216,7 +216,7 @@ def _speed(e: Equations) -> tuple[int, str]:
 
 
 def archive(files: Mapping[str, bytes]) -> bytes:
-    """A zip archive of files, path -> content: the same bytes whenever it is made of the same."""
+    """A zip archive of files, path -> content; equal contents give equal bytes."""
     held = io.BytesIO()
     with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as made:
         for name in sorted(files):

@@ -1,4 +1,4 @@
-"""Target `onnx`: the step and the outputs as ONNX graphs in double precision, for a batch of points at a time."""
+"""Target `onnx`: the step and the outputs as ONNX graphs in double precision, evaluated for a batch of points."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ABOUT = {"opset": OPSET, "precision": "float64"}
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
-    """Name of file -> content. Raises `BadInput` for a hybrid, and where the package onnx is not installed."""
+    """Name of file -> content. Raises `BadInput` for a hybrid, and if the package onnx is not installed."""
     try:
         from . import onnx_graph
     except ImportError as error:
@@ -45,7 +45,7 @@ _Shapes = dict[str, tuple[str | int, int]]
 
 
 def _shapes(function: cs.Function) -> tuple[_Shapes, _Shapes]:
-    """Of the arguments and of the result. Parameters and length of step are one for all points."""
+    """Shapes of the arguments and of the result. Parameters and step length are common to the batch."""
     sets: dict[str, str | int] = {"x": "batch", "u": "batch", "p": 1, "dt": 1}
     return (
         {name: (sets[name], function.numel_in(k)) for k, name in enumerate(function.name_in()) if function.numel_in(k)},

@@ -1,4 +1,4 @@
-"""Target `opendbc`: a snippet of Python with what a port of a car to opendbc states: CarSpecs and CarParams.
+"""Target `opendbc`: a Python snippet with the values that a port of a car to opendbc states: CarSpecs and CarParams.
 
 Source: CarParams in opendbc's structs: SI units, stiffness of an axle in N/rad.
 """
@@ -34,7 +34,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """What is behind each key."""
+    """Origin of each key."""
     numbers, file = single_track_of(subject), _file(subject)
     assert not subject.model.name.startswith("msnn")
     delay = value_of(subject.equations.model, "steering_delay") if "steering_delay" in subject.model.effects else None
@@ -60,7 +60,7 @@ def origins(subject: Subject) -> list[KeyOrigin]:
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what the snippet does not hold."""
+    """Sentences on what the snippet lacks."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
     result = [f"CarParams has no entry for {', '.join(lost)}, which is left out."] if lost else []
     return [*result, "steerRatio is not known: the model's input is the road-wheel angle."]

@@ -1,6 +1,6 @@
 """Target `ros2`: a parameter file for a ROS 2 node; SI units, angles in radians, axes of REP-103: x forward, y left.
 
-Parameter files of ROS 2 nodes: keys under /**: ros__parameters, each with what is behind it as a comment.
+Parameter files of ROS 2 nodes have keys under /**: ros__parameters, each with its origin as a comment.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ Value = float | str | bool | Sequence[float]
 
 
 def number_text(value: float) -> str:
-    """A number as YAML reads it back, exactly: one with an exponent needs a point."""
+    """A number in YAML notation, exactly: with an exponent it needs a decimal point."""
     text = repr(float(value)).replace("inf", ".inf").replace("nan", ".nan")
     digits, e, exponent = text.partition("e")
     return f"{digits}{'.0' * (bool(e) and '.' not in digits)}{e}{exponent}"
 
 
 def value_text(value: Value) -> str:
-    """A value as YAML reads it back."""
+    """A value in YAML notation."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
         return yaml_text(value)
-    if isinstance(value, int):  # ROS tells integers from other numbers
+    if isinstance(value, int):  # ROS distinguishes integers from other numbers
         return str(value)
     if isinstance(value, float):
         return number_text(value)
@@ -35,9 +35,9 @@ def value_text(value: Value) -> str:
 
 
 def parameter_file(title: str, lines: Iterable[tuple[KeyOrigin, str]], notes: Sequence[str] = ()) -> str:
-    """The file's text; lines are entries and what they mean.
+    """The file's text; `lines` are entries and their meaning.
 
-    A key with dots lies in nested tables. Entries without a value stand as comments, to be filled in.
+    A key with dots is in nested tables. Entries without a value are written as comments, to be filled in.
     """
     head = [f"# {one_line(title)}; written by greybox-id.", *(f"# {one_line(note)}" for note in notes)]
     body, open_tables = ["/**:", "  ros__parameters:"], list[str]()
@@ -68,7 +68,7 @@ FRAME = "base_link"
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
-    """`NAME.param.yaml`. Raises `BadInput` for what is no model of motion."""
+    """`NAME.param.yaml`. Raises `BadInput` for models other than motion models."""
     about = {
         f"parameters.{p.name}": ", ".join(filter(None, [p.unit, p.about])) for p in subject.equations.model.parameters
     }
@@ -82,7 +82,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """What is behind each key."""
+    """Origin of each key."""
     file, model = f"{subject.name}.param.yaml", subject.equations.model
     known = subject.described()["parameters"]
     result = [

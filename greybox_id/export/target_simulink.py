@@ -1,4 +1,4 @@
-"""Target `simulink`: parameters and covariance as .mat, the exported C behind an idnlgrey model and an S-function.
+"""Target `simulink`: parameters and covariance as .mat; an idnlgrey model and an S-function that use the exported C.
 
 Sources: MATLAB's documentation of idnlgrey, whose files are [dx, y] = file(t, x, u, p1, ..., pN, auxiliary), of the C
 MEX interface and of level-2 C S-functions; the MAT-file format of version 5.
@@ -21,13 +21,13 @@ from .subject import KeyOrigin, Subject
 from .template import filled
 
 HEAD = 116
-"""Bytes of text at the beginning of a MAT-file; a time stands there, which would make every file another one."""
+"""Bytes of text at the beginning of a MAT-file, which are overwritten: they contain the time, so files would differ."""
 REMEMBERED = 4096
-"""Commands that the S-function remembers."""
+"""Number of commands that the S-function stores."""
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
-    """Name of file -> content. Raises `BadInput` for what is no model of motion."""
+    """Name of file -> content. Raises `BadInput` for models other than motion models."""
     name, e = subject.name, subject.equations
     title = f"{subject.model.about} ({subject.model.name}), from {subject.source or 'Python'}, greybox-id {__version__}"
     unused = ("step_jacobian", "step_by_p", "ode_jacobian", "output_jacobian")
@@ -44,7 +44,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what these files do not hold."""
+    """Sentences on what these files lack."""
     e, one = subject.equations, []
     if e.delayed:
         late = ", ".join(e.delayed)
@@ -60,7 +60,7 @@ def cautions(subject: Subject) -> list[str]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """What is behind each field of the .mat file's parameters."""
+    """Origin of each field of the .mat file's parameters."""
     return [
         KeyOrigin(f"{subject.name}.mat", f"{subject.name}.parameters.{item.name}", float(value), behind=item.name)
         for item, value in zip(subject.equations.parameters, subject.equations.values, strict=True)
@@ -89,7 +89,7 @@ def _mat(subject: Subject, title: str) -> bytes:
 
 
 def _field(name: str) -> str:
-    """A parameter's name as that of a field: entries of arrays lose their brackets."""
+    """A parameter's name as a field name: brackets of array entries are replaced."""
     return name.replace("[", "_").replace(",", "_").replace("]", "")
 
 
@@ -101,7 +101,7 @@ def _cells(texts: Any) -> np.ndarray[Any, Any]:
 
 
 def _covariance(subject: Subject) -> np.ndarray[Any, Any]:
-    """Of the parameters that can be changed, in their order; NaN where it is not known."""
+    """Covariance of the adjustable parameters, in their order; NaN if not known."""
     e = subject.equations
     if subject.fit is None or subject.fit.covariance is None:
         return np.full((len(e.values), len(e.values)), np.nan)
@@ -161,5 +161,5 @@ end
 
 
 def _number(value: float) -> str:
-    """As MATLAB has it."""
+    """A number in MATLAB's notation."""
     return repr(float(value)).replace("inf", "Inf").replace("nan", "NaN")

@@ -1,4 +1,4 @@
-"""Target `tir`: tyre property files of the Magic Formula 5.2, one an axle, isotropic from B, C, D and E.
+"""Target `tir`: tyre property files of the Magic Formula 5.2, one per axle, isotropic from B, C, D and E.
 
 Longitudinal slip has the lateral curve's coefficients. Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.3.2.
 """
@@ -18,8 +18,8 @@ from .subject import KeyOrigin, Subject
 RADIUS = 0.3
 """Unloaded radius, m, where the model has none: it scales relaxation lengths, which are divided by it again."""
 BEYOND_LOAD = 1000.0
-"""PKY2, the load of the largest stiffness over the nominal one: our tyres' stiffness is in proportion to load. At twice
-the nominal load sin(2 atan(x)) = 2 x / (1 + x^2), x = 2 / BEYOND_LOAD, is so but for 4e-6."""
+"""PKY2, load of the largest stiffness over the nominal load. Large, since stiffness is proportional to load in the
+models: at twice the nominal load, sin(2 atan(x)) = 2 x / (1 + x^2), x = 2 / BEYOND_LOAD, is linear within 4e-6."""
 HOLDS = (*HELD, "tyre_relaxation")
 
 
@@ -43,7 +43,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 
 def cautions(subject: Subject) -> list[str]:
-    """Sentences on what these files do not hold."""
+    """Sentences on what these files lack."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
     result = [f"A tyre file has no entry for {', '.join(lost)}, which is left out."] if lost else []
     result += without_form_error(subject)
@@ -54,7 +54,7 @@ def cautions(subject: Subject) -> list[str]:
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
-    """What is behind each line."""
+    """Origin of each line."""
     return [
         KeyOrigin(file, line.key, line.value, line.behind, line.why)
         for file, (_, lines) in _files(subject).items()
@@ -87,7 +87,7 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
     payload, k = value_of(model, "mass_change") or 1.0, value_of(model, "load_sensitivity") or 0.0
     sensitivity = (
         k * payload / (1 - k * (payload - 1))
-    )  # the model's is over the load without payload, a file's with it
+    )  # the model's coefficient refers to the load without payload, the file's to the load with it
     relaxation = value_of(model, "tyre_relaxation") or 0.0
     stiff, peak = f"B_{suffix} C_{suffix} D_{suffix}", _with(subject, f"D_{suffix}", "grip_scale", "load_sensitivity")
     slope = _with(subject, stiff, {"f": "front_stiffness", "r": "rear_stiffness"}[suffix], "grip_scale")

@@ -1,4 +1,4 @@
-"""Exported code that is the same for every model: it stands in the folder templates, in its own language."""
+"""Templates: exported code that is the same for every model, in the folder templates, in its own language."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ _PLACE = re.compile(r"@([A-Z_]+)@|[@$]")
 
 
 def filled(template: str, name: str, package: str = __package__, **words: object) -> str:
-    """The text of a template for an export.
+    """The text of a template, filled in for an export.
 
-    There @ stands for the name of the export, $ for the same in capitals and @WORD@ for a word; lines from `#if WORD`
-    to `#else` and `#endif` are for exports of which that is true.
+    In a template, @ is the name of the export, $ the name in capitals and @WORD@ a word; lines from `#if WORD` to
+    `#else` and `#endif` are kept if that word is true.
 
     Parameters
     ----------
     template : name of the file.
-    name : what functions are called after.
-    package : whose folder `templates` it is in.
-    words : WORD -> what stands there, or whether it is true.
+    name : prefix of functions.
+    package : whose folder `templates` contains the file.
+    words : WORD -> its replacement, or whether it is true.
     """
     text = _VARIANT.sub(lambda lines: lines[2] if words[lines[1]] else lines[3] or "", _read(package, template))
     return _PLACE.sub(

@@ -1,8 +1,8 @@
-"""The verb: a model written down for a controller or simulator elsewhere.
+"""Exporting a model to a controller or simulator.
 
-A folder of generated files that appears whole or not at all, with a manifest of what it holds.
+Exports are folders of generated files with a manifest, written completely or not at all.
 
-Results that are no models, such as a policy; packages write them by the entry point `greybox.exporters`.
+Results that are not models, such as a policy, are exported by packages through the entry point `greybox.exporters`.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ FORMAT = "greybox-export"
 
 
 def write_folder(folder: Path, files: Mapping[str, bytes], about: Mapping[str, Any]) -> list[Path]:
-    """Write files and their manifest beside the folder's place, then put them there.
+    """Write files and their manifest to a temporary folder, then move it to its place.
 
-    A folder that is there already is replaced if it is an export that nobody has touched since, or empty.
+    An existing folder is replaced if it is empty or an unmodified export.
 
     Parameters
     ----------
     files : path within the folder -> content.
-    about : what the manifest says besides the files' SHA-256.
+    about : content of the manifest, in addition to the files' SHA-256.
 
     Raises
     ------
-    BadInput : the folder holds what would be lost, or cannot be written.
+    BadInput : the folder holds other or modified files, or cannot be written.
     """
     claim(folder)
     _must_be_replaceable(folder, _words(about))
@@ -74,7 +74,7 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
 
 
 def _manifest(file: Path) -> Mapping[str, Any] | None:
-    """What an export wrote of itself; None where this is no manifest of one."""
+    """The manifest of an export; None if the file is not one."""
     try:
         body = read_json(file)
     except BadInput:
@@ -84,7 +84,7 @@ def _manifest(file: Path) -> Mapping[str, Any] | None:
 
 
 def _words(about: Mapping[str, Any]) -> str:
-    """What an export is of: another model or target is another export."""
+    """Description of an export by model and target: one of another model or target does not replace it."""
     model = about.get("model")
     named = model.get("name") if isinstance(model, Mapping) else None
     return f"an export of {named} for {about.get('target')}"
@@ -107,10 +107,10 @@ TARGETS = {
     "tir": "tyre property files of the Magic Formula 5.2, one per axle",
     "fmu": "functional mock-up units of FMI 2.0 and 3.0, with sources and binary",
 }
-"""Target -> what is written for it, by the module of this folder `target_<name>`: a function `files`.
+"""Target -> files written for it, by the module `target_<name>` of this folder: it has a function `files`.
 
-There may be a mapping `ABOUT`, which goes to the manifest, a function `cautions`, sentences on what the files lack, and
-a function `origins`, what is behind each of their keys.
+It may also have a mapping `ABOUT`, which is added to the manifest, a function `cautions`, sentences on what the files
+lack, and a function `origins`, the origin of each of their keys.
 """
 
 
@@ -118,11 +118,11 @@ REFUSED = {
     "mjcf": "MuJoCo models Coulomb friction in contacts and no slip curve, so the identified tyres would be lost. "
     "Export as fmu or as c, and simulate that model together with MuJoCo.",
 }
-"""Targets that are asked for and would not hold what matters: why, and what to do."""
+"""Targets that users request but that cannot represent the model: reason and alternative."""
 
 
 ALONE = {"fmu": ".fmu"}
-"""Target -> ending of a file that holds all that its importers need; one named so is written without a folder."""
+"""Target -> suffix of a single file that is sufficient for importers; such a file is written without a folder."""
 
 
 def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
@@ -130,9 +130,10 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
 
     Parameters
     ----------
-    subject : the model, its name and where it comes from.
+    subject : the model, its name and its origin.
     target : one of `TARGETS`.
-    folder : where to; an earlier export there is replaced, whole. A unit may be named by itself, "car.fmu" (FMI 2.0).
+    folder : of the export; an earlier export there is replaced as a whole. A unit may be a single file, "car.fmu" (FMI
+        2.0).
 
     Returns
     -------
@@ -140,7 +141,7 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
 
     Raises
     ------
-    BadInput : there is no such target, the model cannot be written for it, or the folder holds other files.
+    BadInput : there is no such target, it cannot represent the model, or the folder holds other files.
     """
     module = _module(target)
     write: Callable[[Subject], Mapping[str, bytes]] = module.files
@@ -155,13 +156,13 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
 
 
 def cautions(subject: Subject, target: str) -> list[str]:
-    """Sentences on what the model knows and the target's files do not hold. Raises `BadInput` as `export` does."""
+    """Sentences on properties of the model that the target's files lack. Raises `BadInput` as `export` does."""
     known: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
     return known(subject)
 
 
 def origins(subject: Subject, target: str) -> list[KeyOrigin]:
-    """What is behind each key of the target's files, or why it stands at a default. Raises `BadInput` as `export`."""
+    """Origin of each key of the target's files, or the reason for its default. Raises `BadInput` as `export` does."""
     known: Callable[[Subject], list[KeyOrigin]] = getattr(_module(target), "origins", lambda subject: [])
     return known(subject)
 
@@ -174,12 +175,12 @@ def _module(target: str) -> ModuleType:
 
 
 class Exporter(Protocol):
-    """Writes one kind of result.
+    """Writer of one kind of result.
 
     Attributes
     ----------
-    format : of its files, `base.json_data.Kind.format`.
-    what : it is called, for people: "policy".
+    format : of its result files, `base.json_data.Kind.format`.
+    what : name of the kind, for people: "policy".
     targets : name -> what is written.
     """
 
@@ -188,18 +189,18 @@ class Exporter(Protocol):
     targets: Mapping[str, str]
 
     def load(self, path: str | Path) -> Any:
-        """The result that a file holds."""
+        """Load the result from a file."""
 
     def takes(self, result: object) -> bool:
-        """Whether a value is such a result."""
+        """Whether a value is a result of this kind."""
 
     def write(self, result: Any, named: ForeignResult, target: str, to: str | Path) -> list[Path]:
-        """Write it for a target into a folder; the files."""
+        """Write it for a target into a folder; returns the files."""
 
 
 @dataclass(frozen=True)
 class ForeignResult:
-    """What files and functions are called after, where the result comes from, and the command, for the manifest."""
+    """Name of files and functions, source of the result, and the command, for the manifest."""
 
     name: str
     source: str = ""
@@ -207,7 +208,7 @@ class ForeignResult:
 
 
 def exporter_of_file(path: str | Path) -> Exporter | None:
-    """Who writes what a file holds; None where it is a fit or nobody knows it."""
+    """The exporter for a result file; None if it is a fit or of an unknown kind."""
     kind = format_of(path)
     return (
         next((extension for extension in extensions(EXPORTERS).values() if extension.format == kind), None)
@@ -217,7 +218,7 @@ def exporter_of_file(path: str | Path) -> Exporter | None:
 
 
 def exporter_of(result: object) -> Exporter:
-    """Who writes a value. Raises `BadInput` where nobody does."""
+    """The exporter for a value. Raises `BadInput` if there is none."""
     for exporter in extensions(EXPORTERS).values():
         if exporter.takes(result):
             return exporter  # type: ignore[no-any-return]

@@ -1,1 +1,1 @@
-"""C99 of a model: no heap, no state of its own, nothing but the mathematical library."""
+"""C99 of a model: no heap, no static state, no library other than the mathematical one."""

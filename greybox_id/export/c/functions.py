@@ -1,8 +1,8 @@
 """From CasADi functions to C functions of straight-line C99.
 
-CasADi's own generated code keeps every intermediate number in a work array and reads it back; here each is a constant
-of its own, which stays in a register. Operations stand in the order of how many slow functions lie before them: front
-and rear axle stand side by side, and the processor works on both at once.
+CasADi's own generated code keeps every intermediate number in a work array and reads it back; here each is a local
+constant, which stays in a register. Operations are ordered by the number of slow functions before them: those of front
+and rear axle are then adjacent, and the processor works on both at once.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from .mathematics import FUNCTIONS as OWN
 from .naming import c_comment, names, numbers
 
 OWN_OF = {name: f"own_{name}" for name in FUNCTIONS.values() if f"own_{name}" in OWN}
-"""Functions that this project has its own C for."""
+"""Functions with an implementation of this project in C."""
 LONGEST = 60
-"""Characters of an expression that stands where it is asked for, if that is in one place only."""
+"""Largest number of characters of an expression that is inlined at its only use."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """What a C function does.
+    """Body of a C function.
 
     Attributes
     ----------
     lines : statements.
-    functions : names of the functions of `mathematics` they call.
+    functions : names of the functions of `mathematics` that they call.
     """
 
     lines: tuple[str, ...]
     functions: frozenset[str]
 
     def reads(self, argument: str) -> bool:
-        """Whether an argument has a part in it."""
+        """Whether an argument is used."""
         return any(re.search(rf"\b{argument}\b", line) for line in self.lines)
 
 
@@ -52,10 +52,10 @@ def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]
     Parameters
     ----------
     function : of column vectors.
-    arguments : what they are called in C; one that ends in "*" is a number, not an array.
-    results : the arrays that take the results, column by column.
+    arguments : their names in C; one that ends in "*" is a number, not an array.
+    results : names of the arrays for the results, column by column.
 
-    Raises `CannotCompile` for an operation that there is no C for.
+    Raises `CannotCompile` for an operation without a C equivalent.
     """
     symbols = function.sx_in()
     dense = cs.Function("dense", symbols, [cs.densify(result) for result in function.call(symbols)])
@@ -63,7 +63,7 @@ def body(function: cs.Function, arguments: Sequence[str], results: Sequence[str]
     scalars = frozenset(name.rstrip("*") for name in arguments if name.endswith("*"))
     writer = _Writer(graph, scalars, [value for values in numbers for value in values])
     lines = list(writer.lines())
-    # what is handed through is read before anything is written, for x_next may be x
+    # values passed through are read before results are written, since x_next may be x
     held, stores = list[str](), list[str]()
     for array, values in zip(results, numbers, strict=True):
         for k, value in enumerate(values):
@@ -95,7 +95,7 @@ class _Writer:
         self._inlined: dict[int, str] = {}
 
     def lines(self) -> Iterator[str]:
-        """The statements, those that wait for fewer slow functions first."""
+        """The statements, ordered by the number of slow functions that they depend on."""
         depths = [0] * len(self.graph.values)
         for k, value in self._operations.items():
             depths[k] = max(depths[source] for source in value.sources) + (value.op in SLOW)
@@ -119,7 +119,7 @@ class _Writer:
                 yield f"own_sincos({self.name(value.sources[0])}, &v{sine}, &v{cosine});"
 
     def name(self, k: int) -> str:
-        """What a value is called in C."""
+        """The C expression of a value."""
         value = self.graph.values[k]
         if not isinstance(value, Leaf):
             return self._inlined.get(k, f"v{k}")
@@ -150,13 +150,13 @@ class _Writer:
         return f"{entry}({', '.join(names)})"
 
     def _operand(self, k: int, op: int) -> str:
-        """A value where an operation takes it: tests are whole numbers in C, and their quotients would be cut."""
+        """A value as an operand; tests are integers in C and are cast to double, or quotients would be truncated."""
         value = self._operations.get(k)
         tested = value is not None and (value.op in TESTS or value.op in LOGIC)
         return f"(double){self.name(k)}" if tested and (op in OPERATORS or op in FUNCTIONS) else self.name(k)
 
     def _found_choices(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
-        """Sums that say "a where a test holds, b where it does not", which is one choice."""
+        """Sums of the form "a if a test holds, plus b if it does not", which become one conditional expression."""
         for k, value in self._operations.items():
             if value.op != cs.OP_ADD:
                 continue
@@ -168,7 +168,7 @@ class _Writer:
                     yield k, (test, yes, no)
 
     def _found_angles(self) -> Mapping[int, tuple[int, int]]:
-        """Angles of which both sine and cosine are asked."""
+        """Angles of which both sine and cosine are needed."""
         requested: dict[int, dict[int, int]] = {}
         for k, value in self._operations.items():
             if k in self._needed and value.op in (cs.OP_SIN, cs.OP_COS):
@@ -176,9 +176,9 @@ class _Writer:
         return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in requested.items() if len(both) == 2}
 
     def _found_uses(self, target: Sequence[int]) -> Counter[int]:
-        """How often each value is asked for; twice if it is doubled, squared or a result.
+        """Number of uses of each value; two if it is doubled, squared or a result.
 
-        Results are computed before any is stored, for x_next may be x.
+        Results are computed before any is stored, since x_next may be x.
         """
         uses = Counter(dict.fromkeys(target, 2))
         for k in self._needed & self._operations.keys():
@@ -188,16 +188,16 @@ class _Writer:
         return uses
 
     def _found_needed(self, target: Sequence[int]) -> set[int]:
-        """Operations whose values are asked for, once choices are made in one."""
+        """Operations whose values are needed after merging conditionals."""
         needed = set(target)
-        for k in reversed(self._operations):  # a value stands behind those it is made of
+        for k in reversed(self._operations):  # operands precede the values computed from them
             if k in needed:
                 needed.update(self._choices.get(k, self._operations[k].sources))
         return needed
 
 
 def _literal(text: str) -> str:
-    """A number of the graph's, in C: the shortest decimal that is exactly it."""
+    """A number of the graph in C: the shortest decimal that equals it exactly."""
     if text.lstrip("-") in ("NAN", "INFINITY"):
         return text
     number = repr(float.fromhex(text))
@@ -212,7 +212,7 @@ INLINE = """\
 #endif
 """
 FRAME = 1024
-"""Bytes that a C function may take beside its own numbers: saved registers, arguments, what functions it calls take."""
+"""Stack bytes of a C function besides its own variables: saved registers, arguments, and the functions it calls."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class Argument:
     Attributes
     ----------
     name : in C.
-    size : its length as the header's constants say it, such as "CAR_NX"; "" is a number.
+    size : its length as a constant of the header, such as "CAR_NX"; "" for a number.
     """
 
     name: str
@@ -230,7 +230,7 @@ class Argument:
 
     @property
     def given(self) -> str:
-        """Its declaration where it is read."""
+        """Its declaration as an input."""
         return f"const double *{self.name}" if self.size else f"double {self.name}"
 
 
@@ -254,13 +254,13 @@ class CFunction:
 
     @cached_property
     def body(self) -> Body:
-        """Its statements."""
+        """The statements."""
         arguments = [argument.name if argument.size else f"{argument.name}*" for argument in self.arguments]
         return body(self.function, arguments, [result.name for result in self.results])
 
     @property
     def stack_bytes(self) -> int:
-        """What it needs of the stack at most, however little a compiler keeps in registers."""
+        """Upper bound of the stack it needs, even if the compiler keeps nothing in registers."""
         return 8 * sum(line.startswith(("const", "double")) for line in self.body.lines) + FRAME
 
     @property
@@ -269,26 +269,26 @@ class CFunction:
 
     @property
     def signature(self) -> str:
-        """Its declaration, without what ends it."""
+        """Its declaration, without the final semicolon."""
         known = [argument.given for argument in self.arguments] + [f"double *{result.name}" for result in self.results]
         return wrapped(f"void {self.name}(", known)
 
     @property
     def declaration(self) -> str:
-        """Its declaration with what it computes, for a header."""
+        """Its declaration with a comment, for a header."""
         sizes = ", ".join(f"{item.name} {item.size}" for item in self._all if item.size)
         return f"/* {c_comment(self.about)}\n   Lengths: {sizes}. */\n{self.signature};\n"
 
     @property
     def definition(self) -> str:
-        """Its C."""
+        """Its definition in C."""
         unused = [f"(void){item.name};" for item in self._all if not self.body.reads(item.name)]
         lines = "\n".join(f"    {line}" for line in (*self.body.lines, *unused))
         return f"{self.signature}\n{{\n{lines}\n}}\n"
 
 
 def wrapped(head: str, arguments: Sequence[str]) -> str:
-    """A declaration's arguments in lines that are not too long."""
+    """A declaration with its arguments broken into lines."""
     lines, line = [], head
     for k, argument in enumerate(arguments):
         piece = argument + ("," if k + 1 < len(arguments) else ")")
@@ -310,14 +310,14 @@ def mathematics_of(functions: Sequence[CFunction]) -> str:
 def beginning(
     title: str, name: str, functions: Sequence[CFunction], values: Array, lists: Mapping[str, Sequence[Named]]
 ) -> list[str]:
-    """How a source begins: what it includes, elementary functions, default parameters, and the names of entries.
+    """Beginning of a source file: includes, elementary functions, default parameters, and the names of entries.
 
     Parameters
     ----------
     title, name : of the export.
     functions : that the source defines.
     values : of the parameters.
-    lists : "input", "parameter" ... -> the entries that have names.
+    lists : "input", "parameter" ... -> the entries with names.
     """
     return [
         f"/* {title} */\n",

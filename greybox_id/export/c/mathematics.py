@@ -1,10 +1,10 @@
-"""Elementary functions in C: those of a vehicle's equations that a C library is slow at.
+"""Elementary functions in C that a vehicle's equations need and that C libraries compute slowly.
 
-A step of a single-track vehicle asks 38 times for atan, atan2, sin, cos or tanh, each of which waits for the one
-before: what counts is how long one takes from argument to result. These here look up polynomials (atan) or an angle
-beside the one asked for (sine and cosine) and take half as long as the C library's; compiled into the code that asks
-for them, the processor works on both axles at once. Their errors are below five units in the last place, of one for
-sine and cosine (tests/export/c/test_mathematics.py); what lies beyond their tables is left to the C library.
+A step of a single-track vehicle calls atan, atan2, sin, cos or tanh 38 times, each depending on the previous result:
+latency counts. These implementations use tables of polynomials (atan) or of nearby angles (sine and cosine) and have
+half the latency of the C library's; since they are inlined, the processor works on both axles at once. Their errors are
+below five units in the last place, one for sine and cosine (tests/export/c/test_mathematics.py); arguments beyond the
+tables are left to the C library.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from ...base.shorthands import Array
 from ..template import filled
 
 PER_UNIT = 32
-"""Entries of the tables per unit of the argument; a power of two."""
+"""Table entries per unit of the argument; a power of two."""
 FAR = "0x1p47"
-"""2^52 / PER_UNIT: numbers from there to twice that are so far apart as the tables' entries."""
+"""2^52 / PER_UNIT: doubles from here to twice this value are spaced like the tables' entries."""
 ATAN_END, ANGLE_END = 4, 3
-"""Where the tables end. An angle of pi, where the sine has to be exact to many digits, is not among them."""
+"""Ends of the tables. The angle pi, where the sine must be accurate to many digits, is beyond."""
 DEGREE = 7
 TAYLOR = 24
-"""Degrees of the polynomials of atan, and of the series that they are made from."""
+"""Degrees of the polynomials of atan, and of the series from which they are derived."""
 
 
 FUNCTIONS: Mapping[str, tuple[str, ...]] = {
@@ -34,18 +34,18 @@ FUNCTIONS: Mapping[str, tuple[str, ...]] = {
     "own_sin": ("angles",), "own_cos": ("angles",), "own_sincos": ("angles",), "own_tanh": (), "own_fmin": (),
     "own_fmax": (), "own_sign": (),
 }  # fmt: skip
-"""Name in `c_mathematics.c` -> what it needs; those called own_ take the place of the C library's."""
+"""Name in `c_mathematics.c` -> functions that it needs; those named own_ replace the C library's."""
 EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST)
 #error "The order of sums must not change: compile without -ffast-math, -Ofast or /fp:fast."
 #elif defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
 #error "Infinities and NaN must be kept: compile without -ffinite-math-only."
 #endif
 """
-"""Stops compilers that were told to compute something else than what is written: results would be off by a factor."""
+"""Rejects compiler options that change the arithmetic: results would be grossly wrong."""
 
 
 def definitions(names: Iterable[str]) -> str:
-    """C of the functions named, and of what they need."""
+    """C of the named functions, and of those that they need."""
     needed, waiting = set[str](), [*names]
     while waiting:
         needed.add(name := waiting.pop())
@@ -61,10 +61,10 @@ def definitions(names: Iterable[str]) -> str:
 
 
 def atan_polynomials() -> Array:
-    """(entries, DEGREE + 1) coefficients of atan about k / PER_UNIT, lowest power first, of what x is beyond it.
+    """(entries, DEGREE + 1) coefficients of atan about k / PER_UNIT, lowest power first, in the offset from there.
 
-    Each is its Taylor series economised on the half entry to both sides; about zero the series itself, which is odd,
-    so that small arguments keep all their digits.
+    Each is the Taylor series economised on half an entry to both sides; about zero the series itself, which is odd, so
+    that small arguments keep full relative accuracy.
     """
     rows = []
     for c in np.arange(ATAN_END * PER_UNIT + 1) / PER_UNIT:

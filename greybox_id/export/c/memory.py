@@ -1,4 +1,4 @@
-"""A map with memory in C: functions, header and source."""
+"""A model with memory in C: functions, header and source."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ ABOUT = """\
 
 
 class MemoryC:
-    """The C of a map with memory.
+    """The C of a model with memory.
 
     Parameters
     ----------
-    name : what its functions are called after.
+    name : prefix of its functions.
     equations : its functions.
-    title : a line that says what it is and where it comes from.
+    title : a line with the model and its source.
     """
 
     def __init__(self, name: str, equations: MemoryEquations, title: str) -> None:
@@ -40,7 +40,7 @@ class MemoryC:
 
     @property
     def tasks(self) -> dict[str, str]:
-        """Function -> what it does, for people."""
+        """Function -> description, for people."""
         return {
             f"{self.name}_start": "Fills the window as if inputs and readings had always been constant.",
             f"{self.name}_push": "Adds a sample with measured outputs; first fill the window with such samples.",
@@ -51,14 +51,14 @@ class MemoryC:
 
     @property
     def window_bytes(self) -> int:
-        """How large the window is."""
+        """Size of the window in bytes."""
         sizes = self._sizes
         kept = sizes["PAST"] * sizes["NY"] + sizes["MEMORY"] * (sizes["SEEN"] + sizes["SIGNALS"] + sizes["TAPS"])
         return 8 * (sizes["NP"] + 1 + sizes["ACTUATORS"] + kept)
 
     @property
     def stack_bytes(self) -> int:
-        """What any of the functions needs of the stack at most."""
+        """Upper bound of the stack that any of the functions needs."""
         sizes = self._sizes
         value = sum(int(jacobian.nnz()) + 1 for _, jacobian in self._sparse.values())
         value += (sizes["NY"] + 1) * (sizes["TAPS"] + sizes["SEEN"] + sizes["SIGNALS"]) + sizes["SEEN"] * sizes["NU"]
@@ -66,7 +66,7 @@ class MemoryC:
 
     @property
     def header(self) -> str:
-        """The header: sizes, places and units of all entries, and what the functions do."""
+        """The header: sizes, indices and units of all entries, and descriptions of the functions."""
         value, e = self.name, self.equations
         guard = constant(value, "h")
         seen = [Named(name, "", "") for name in e.model.inputs]
@@ -117,7 +117,7 @@ class MemoryC:
 
     @property
     def _tables(self) -> str:
-        """Which signal each window looks at, and where the nonzeros of sparse derivatives stand."""
+        """C arrays: the signal of each window, and the positions of nonzeros of sparse derivatives."""
         e = self.equations
         handed_in = [item.name for item in e.inputs]
         tables = {
@@ -137,7 +137,7 @@ class MemoryC:
 
     @cached_property
     def _stages(self) -> tuple[_Stage, ...]:
-        """The equations' stages, at the parameters that move."""
+        """The equations' stages, as functions of the adjustable parameters."""
         e, trace = self.equations, self.equations.trace
         seen, h = cs.SX.sym("seen", len(e.model.inputs)), cs.SX.sym("h", len(trace.tap_signal))
         return (
@@ -148,7 +148,7 @@ class MemoryC:
 
     @cached_property
     def _sparse(self) -> dict[str, tuple[_Stage, Symbol]]:
-        """Sparse derivatives: by the name of their function, of which stage."""
+        """Sparse derivatives: name of the function -> (stage, Jacobian)."""
         stage, weights, _ = self._stages
         return {
             f"{of.name}_by_{by}": (of, cs.jacobian(of.value, of.arguments[by]))
@@ -174,7 +174,7 @@ class MemoryC:
 
 @dataclass(frozen=True)
 class _Stage:
-    """A stage of the equations: a function's name, its arguments, and what it gives."""
+    """A stage of the equations: name, arguments, and name and expression of the result."""
 
     name: str
     arguments: Mapping[str, Symbol]

@@ -1,4 +1,4 @@
-"""A model of motion in C: its functions, header and source, and commands that arrive late."""
+"""A motion model in C: functions, header and source, and delayed commands."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .functions import Argument, CFunction, beginning
 from .naming import constant, vector
 
 CAPACITY = 256
-"""Commands that are remembered."""
+"""Number of commands stored."""
 
 
 ABOUT = """\
@@ -24,15 +24,15 @@ ABOUT = """\
 
 
 class MotionC:
-    """The C of a model of motion.
+    """The C of a motion model.
 
     Parameters
     ----------
-    name : what its functions are called after.
+    name : prefix of its functions.
     equations : its functions.
-    title : a line that says what it is and where it comes from.
-    commands : how many commands are remembered where they arrive late.
-    left_out : functions that are not needed, such as "step_by_p"; without "ode_jacobian" there is no vde_forw either.
+    title : a line with the model and its source.
+    commands : number of commands stored if they are delayed.
+    left_out : functions to omit, such as "step_by_p"; without "ode_jacobian" there is no vde_forw either.
     """
 
     def __init__(
@@ -49,19 +49,19 @@ class MotionC:
 
     @property
     def tasks(self) -> dict[str, str]:
-        """Function -> what it does, for people."""
+        """Function -> description, for people."""
         sensitivities = {f"{self.name}_vde_forw": "The derivatives of the state and of its forward sensitivities."}
         return {function.name: function.about for function in self.functions} | sensitivities
 
     @property
     def stack_bytes(self) -> int:
-        """What any of the functions needs of the stack at most."""
+        """Upper bound of the stack that any of the functions needs."""
         n = len(self.equations.states)
         return max(function.stack_bytes for function in self.functions) + 8 * n * (n + len(self.equations.inputs))
 
     @property
     def header(self) -> str:
-        """The header: sizes, places and units of all entries, and what the functions do."""
+        """The header: sizes, indices and units of all entries, and descriptions of the functions."""
         value, e = self.name, self.equations
         guard = constant(value, "h")
         return "\n".join(
@@ -106,7 +106,7 @@ class MotionC:
         )
 
     def _late(self, template: str) -> str:
-        """Of commands that arrive late."""
+        """Code for delayed commands."""
         late, inputs = self.equations.delayed, self.equations.inputs
         places = [late.index(item.name) if item.name in late else -1 for item in inputs]
         return filled(

@@ -1,8 +1,7 @@
-"""What things are called in C, and the constants that say so.
+"""Names in C, and their constants.
 
-Texts that others chose, such as names of files, put into generated code: they end nothing and begin nothing there.
-
-A function for each language and place; nothing else of this package writes a foreign text into code.
+Also escaping of texts from users, such as names of files, in generated code, so that they cannot end or begin a
+construct there. There is one function per language and place; no other code of this package inserts foreign texts.
 """
 
 from __future__ import annotations
@@ -16,61 +15,61 @@ from ..equations import Named
 
 _PLAIN = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _NO_TEXTS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
-"""Words that YAML 1.1 takes for something else than a text."""
+"""Words that YAML 1.1 does not read as text."""
 
 
 def one_line(text: str) -> str:
-    """A text without ends of lines and other characters of control, for comments that end with their line."""
+    """A text without line ends and other control characters, for comments that end with their line."""
     return "".join(" " if unicodedata.category(item) in ("Cc", "Cf", "Zl", "Zp", "Cs") else item for item in text)
 
 
 def c_comment(text: str) -> str:
-    """A text between the marks of a comment of C; backslashes, which join lines, become slashes."""
+    """A text inside a C comment; backslashes, which join lines, become slashes."""
     return re.sub(r"\*(?=/)|/(?=\*)|\?(?=\?)", r"\g<0> ", one_line(text).replace("\\", "/"))
 
 
 def c_string(text: str) -> str:
-    """A text as a string of C."""
+    """A text as a C string."""
     escaped = one_line(text).replace("\\", "\\\\").replace('"', '\\"').replace("?", "\\?")
     return f'"{escaped}"'
 
 
 def matlab_comment(text: str) -> str:
-    """A text behind a per cent sign of MATLAB; a comment that is a brace alone would begin a block."""
+    """A text after MATLAB's per cent sign; a comment that is a single brace would begin a block."""
     return one_line(text).strip().strip("{}") or "-"
 
 
 def matlab_text(text: str) -> str:
-    """A text as a string of MATLAB."""
+    """A text as a MATLAB string."""
     return "'" + one_line(text).replace("'", "''") + "'"
 
 
 def docstring(text: str) -> str:
-    """A text between the three quotation marks of a docstring of Python."""
+    """A text inside a Python docstring."""
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
 def xml_text(text: str) -> str:
-    """A text without what no XML may hold; what writes it escapes the rest."""
+    """A text without characters that XML forbids; the writer escapes the others."""
     return "".join(item for item in one_line(text) if item not in "\ufffe\uffff")
 
 
 def yaml_text(text: str) -> str:
-    """A text as a value of YAML: as it is where it is a plain word, else in JSON's quotes, which are YAML's as well."""
+    """A text as a YAML value: unchanged if it is a plain word, else in JSON's quotes, which YAML accepts."""
     if _PLAIN.fullmatch(text) and text.lower() not in _NO_TEXTS:
         return text
     return json.dumps(one_line(text), ensure_ascii=False)
 
 
 def constant(*words: str) -> str:
-    """The name of a constant made of words: CAR_X_V_X."""
+    """The name of a constant, made of words: CAR_X_V_X."""
     return "_".join(re.sub(r"\W+", "_", word).strip("_").upper() for word in words)
 
 
 def vector(prefix: str, letter: str, about: str, entries: Sequence[Named]) -> str:
-    """Definitions of a vector's size, of where its entries stand and of their units.
+    """Definitions of a vector's size, of its entries' indices and of their units.
 
-    Entries of an array follow one another: only where it begins has a name.
+    Entries of an array are consecutive: only the first one has a name.
     """
     lines = [f"/* {about} */", f"#define {constant(prefix, 'N' + letter)} {len(entries)}"]
     width = max((len(constant(prefix, letter, entry.name)) for entry in entries), default=0) + len("#define _UNIT ")
@@ -93,12 +92,12 @@ def names(identifier: str, entries: Sequence[Named]) -> str:
 
 
 def numbers(values: Iterable[float]) -> str:
-    """Numbers as C has them, exactly, in rows."""
+    """Numbers in C notation, exactly, in rows."""
     return _rows([number(float(value)) for value in values])
 
 
 def number(value: float) -> str:
-    """A number as C has it, exactly."""
+    """A number in C notation, exactly."""
     if value != value:
         return "NAN"
     if value in (float("inf"), float("-inf")):

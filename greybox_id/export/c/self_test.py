@@ -1,6 +1,6 @@
 """C programs that compare an export with numbers computed in Python.
 
-Equations of motion are compared at random points, a map with memory along a course of random inputs.
+Equations of motion are compared at random points, models with memory along a sequence of random inputs.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from .naming import numbers
 
 POINTS = 100
 TOLERANCE, RELAXED_TOLERANCE = 1e-12, 1e-10
-"""How far numbers may differ, relative to their own size and to a thousandth of the largest of their kind; where
-quantities are relaxed, whose exponential formulas cancel digits, a hundred times as far."""
+"""Allowed difference relative to a number's size plus a thousandth of the largest of its kind; a hundred times as much
+with relaxed quantities, whose exponential formulas lose digits by cancellation."""
 
 COMPARE = """\
 static double worst = 0.0;
@@ -40,11 +40,11 @@ static void compare(const double *found, const double *expected, int count, doub
 }
 """
 MOST = 20_000
-"""Numbers of one result that are written down at most; of larger ones fewer points are."""
+"""Largest number of values written per result; for larger results fewer points are used."""
 
 
 def self_test(written: MotionC) -> str:
-    """The program's text. It returns 0 if all went well."""
+    """The program's text. The program returns 0 if all differences are within tolerance."""
     tolerance = RELAXED_TOLERANCE if written.equations.model.relaxations else TOLERANCE
     given = points(written.equations, POINTS)
     head = [
@@ -72,7 +72,7 @@ int main(void)
 
 
 def expected(function: CFunction, given: Mapping[str, Array]) -> list[Array]:
-    """What CasADi's virtual machine says of a function's results at all points, (points, entries) each."""
+    """A function's results at all points by CasADi's virtual machine, (points, entries) each."""
     of: cs.Function = function.function
     arguments = [np.atleast_2d(given[argument.name].reshape(len(given["dt"]), -1).T) for argument in function.arguments]
     values = of.map(len(given["dt"])).call([cs.DM(argument) for argument in arguments])
@@ -111,7 +111,7 @@ static void test_{function.name}(void)
 
 
 def _sensitivities(written: MotionC, given: Mapping[str, Array]) -> str:
-    """A test of the forward sensitivities, at sensitivities of which each entry is another number."""
+    """A test of the forward sensitivities, for matrices with distinct entries."""
     entry, e = written.name, written.equations
     jacobian = next(function for function in written.functions if function.name == f"{entry}_ode_jacobian")
     n, m = len(e.states), len(e.inputs)
@@ -149,24 +149,24 @@ def table(name: str, rows: Array) -> str:
 
 
 PUSHED = 5
-"""Samples with readings before the map runs alone."""
+"""Samples with readings before the model runs on its own predictions."""
 EVERY = 20
-"""Samples between those at which derivatives are compared."""
+"""Samples between comparisons of derivatives."""
 USUAL = {"v_x": 0.5, "steer": 0.1, "a_x": 1.0, "a_y": 2.0, "yaw_rate": 0.5, "motor_current": 5.0, "road_slope": 0.02}
-"""Standard deviations of inputs and readings, SI; others have one."""
+"""Standard deviations of inputs and readings, SI units; others have one."""
 SPEED = 2.5
-"""Mean of the speed, m/s."""
+"""Mean speed, m/s."""
 
 
 @dataclass(frozen=True)
 class CheckedCourse:
-    """What is handed in and what comes of it.
+    """Inputs of a test sequence and the expected results.
 
     Attributes
     ----------
-    u, y : (samples, ...) inputs and readings handed in.
-    outputs : (samples, NY) what sensors read after each sample.
-    derivatives : sample -> y_next, by_window, by_u, by_y, by_p, flat, before the next sample.
+    u, y : (samples, ...) inputs and readings.
+    outputs : (samples, NY) readings of sensors after each sample.
+    derivatives : sample -> y_next, by_window, by_u, by_y, by_p, flattened, before the next sample.
     """
 
     u: Array
@@ -176,7 +176,7 @@ class CheckedCourse:
 
 
 def course(e: MemoryEquations) -> CheckedCourse:
-    """A window of steady driving, a few samples with readings, then `POINTS` on own predictions."""
+    """A window of steady driving, a few samples with readings, then `POINTS` on the model's own predictions."""
     rng = np.random.default_rng(0)
     u, y = (np.column_stack([_random(entry.name, rng) for entry in entries]) for entries in (e.inputs, e.outputs))
     handed_in = [item.name for item in e.inputs]
@@ -206,7 +206,7 @@ def course(e: MemoryEquations) -> CheckedCourse:
 
 
 def memory_self_test(written: MemoryC) -> str:
-    """The program's text. It returns 0 if all went well."""
+    """The program's text. The program returns 0 if all differences are within tolerance."""
     value, e = written.name, written.equations
     run = course(e)
     results = ("y_next", "by_window", "by_u", "by_y", "by_p")
@@ -269,7 +269,7 @@ def _sensor(e: MemoryEquations, name: str) -> Array:
 def _derivatives(
     e: MemoryEquations, derived: cs.Function, window: Array, y: Array, actuators: Array, u: Array
 ) -> list[Array]:
-    """by_window, by_u, by_y, by_p of the next predictions, flat, column after column."""
+    """by_window, by_u, by_y, by_p of the next predictions, flattened column by column."""
     by_window, by_p = (np.array(item) for item in derived(window, e.values))
     now, a, command = (cs.SX.sym(name, size) for name, size in (("y", len(y)), ("a", len(actuators)), ("u", len(u))))
     sees = e.seen(now, a, command, e.p)[0]

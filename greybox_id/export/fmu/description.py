@@ -1,8 +1,8 @@
-"""What a functional mock-up unit says of itself: its variables, `modelDescription.xml` and `buildDescription.xml`.
+"""Description of a functional mock-up unit: variables, `modelDescription.xml` and `buildDescription.xml`.
 
 Source: the FMI standards, 2.0.4 and 3.0.2.
 
-How long inner steps of a unit may be: the slower a vehicle, the stiffer its equations.
+Also the length of a unit's inner steps: the slower a vehicle, the stiffer its equations.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from ..equations import Equations
 from ..subject import Subject
 
 LONGEST = 0.01
-"""Longest inner step unless somebody says otherwise, s: that of recordings at 100 Hz."""
+"""Default longest inner step, s: that of recordings at 100 Hz."""
 SPEEDS = (0.0, *np.geomspace(0.005, 40.0, 60).tolist())
-"""Speeds, m/s, at which the fastest eigenvalue is asked for."""
+"""Speeds, m/s, at which the fastest eigenvalue is evaluated."""
 
 
 @dataclass(frozen=True)
 class Steps:
-    """Inner steps.
+    """Bounds of inner steps.
 
     Attributes
     ----------
     longest : the longest, s.
     stiff, by_speed : eigenvalues are at most stiff + by_speed / speed, 1/s and m/s^2.
-    slowest : speed, m/s, below which they grow no more.
+    slowest : speed, m/s, below which the bound is constant.
     """
 
     longest: float
@@ -50,7 +50,7 @@ class Steps:
 
 
 def steps_of(equations: Equations) -> Steps:
-    """From the eigenvalues of the equations, driven straight: the largest falls as 1/v, and is bounded at rest."""
+    """Steps from the eigenvalues of the equations straight ahead: the largest falls as 1/v, and is bounded at rest."""
     model = equations.model
     count, slowest = len(model.states), SLOWEST / 2
     jacobian = equations.ode.factory("by_x", ["x", "u", "p"], ["jac:x_dot:x"])
@@ -67,7 +67,7 @@ def steps_of(equations: Equations) -> Steps:
 
 
 REFERENCES = 1000
-"""A value reference is this times the kind, plus the place; as the C has it."""
+"""A value reference is this times the index of the kind, plus the place; the C sources use the same number."""
 KINDS = ("time", "input", "output", "state", "rate", "parameter", "setting")
 
 
@@ -78,11 +78,10 @@ class Variable:
     Attributes
     ----------
     name : unique, in FMI's structured notation.
-    kind : one of `KINDS`.
-    place : among its kind.
-    unit, about : SI; for people.
-    start : None where it is computed.
-    low, high : bounds, where there are any.
+    place : index among its kind.
+    unit, about : SI unit; meaning, for people.
+    start : initial value; None if it is computed.
+    low, high : bounds, if any.
     interval : 95 % interval of an estimate.
     """
 
@@ -103,13 +102,13 @@ class Variable:
 
 
 def continuous(equations: Equations) -> bool:
-    """Whether the model is a differential equation and nothing besides, so that any integrator may have it."""
+    """Whether the model is a plain differential equation, so that importers may integrate it."""
     model = equations.model
     return not (model.actuators or model.relaxations or equations.delayed or equations.late)
 
 
 def variables_of(subject: Subject, steps: Steps) -> list[Variable]:
-    """All variables, in the order in which they stand in the description."""
+    """All variables, in the order of the description."""
     e = subject.equations
     inputs = {item.name for item in e.inputs}
     result = [Variable("time", "time", 0, "s", "simulation time")]
@@ -147,7 +146,7 @@ def _parameters(subject: Subject) -> Iterator[Variable]:
 
 
 def _kept_bounds(bounds: tuple[float, float], value: float) -> tuple[float | None, float | None]:
-    """Finite ones that the value keeps to."""
+    """The finite bounds that the value satisfies."""
     low, high = bounds
     return low if isfinite(low) and low <= value else None, high if isfinite(high) and value <= high else None
 
@@ -160,18 +159,18 @@ CAUSALITY = {
 VARIABILITY = {"parameter": "tunable", "setting": "fixed"}
 INTERVAL = "greybox-id.interval"
 RESULTS = ("output", "rate")
-"""Kinds that are computed."""
+"""Kinds of computed variables."""
 
 
 @dataclass(frozen=True)
 class Description:
-    """What is said of a unit.
+    """Description of a unit.
 
     Attributes
     ----------
     name : the model's identifier.
     about : for people.
-    token : what binary and description know each other by.
+    token : identifier shared by binary and description.
     variables : all of them.
     continuous : whether model exchange is offered.
     step : default communication step, s.
@@ -213,7 +212,7 @@ class Description:
         return _written(root)
 
     def build(self, version: int) -> str:
-        """`buildDescription.xml`: how the sources become a shared library, whose functions have plain names."""
+        """`buildDescription.xml`: how to compile the sources to a shared library, whose functions have plain names."""
         files = [_element("SourceFile", name=file) for file in self.sources(version)]
         plain = _element("PreprocessorDefinition", name=f"FMI{version}_OVERRIDE_FUNCTION_PREFIX", value="1")
         sources = _element("SourceFileSet", [*files, plain], language="C99")
@@ -221,7 +220,7 @@ class Description:
         return _written(_element("fmiBuildDescription", [whole], fmiVersion="3.0"))
 
     def sources(self, version: int) -> list[str]:
-        """Names of the C files that are compiled."""
+        """Names of the C files to compile."""
         return [file.format(name=self.name, version=version) for file in SOURCES]
 
     def _units(self) -> list[str]:
@@ -229,7 +228,7 @@ class Description:
 
 
 def _element(tag: str, inside: Iterable[Element] = (), /, **attributes: str | None) -> Element:
-    """An element of XML; attributes that are None are left out."""
+    """An XML element; attributes that are None are omitted."""
     result = Element(tag, {name: xml_text(text) for name, text in attributes.items() if text is not None})
     result.extend(inside)
     return result
@@ -247,7 +246,7 @@ def _unit(unit: str) -> Element:
 
 
 def _variable(one: Variable, places: Mapping[str, int], older: bool) -> Element:
-    """A variable, of FMI 2 if `older`; places are what that version calls other variables by."""
+    """A variable, of FMI 2 if `older`; `places` are that version's references to other variables."""
     computed = one.kind in RESULTS
     head: dict[str, str | None] = {
         "name": one.name, "valueReference": str(one.reference), "description": one.about or None,
@@ -270,7 +269,7 @@ def _variable(one: Variable, places: Mapping[str, int], older: bool) -> Element:
 
 
 def _limit(value: float | None) -> str | None:
-    """A number as XML Schema has it: INF is no limit."""
+    """A number in XML Schema's notation, with INF for infinity."""
     return None if value is None else {float("inf"): "INF", float("-inf"): "-INF"}.get(value, repr(value))
 
 
