@@ -1,1 +1,1 @@
-"""Tracking: EKF, UKF and smoother over any model of motion, with what drifts among its parameters."""
+"""Tracking: EKF, UKF and smoother for any model of motion, with parameters that vary in time among the states."""

@@ -1,10 +1,10 @@
-"""One filter over the runs of a recording: where it starts, what it goes through, and smoothed backwards.
+"""One filter over the runs of a recording: initial states, filtering, and smoothing backwards.
 
-A recording made ready for a filter: glitches of its inputs bridged, its runs cut into segments with what was read.
+Recordings are prepared first: glitches of their inputs bridged, their runs cut into segments with readings.
 
-A filter believes its inputs. A glitch of one sample in the steering angle would pass for a kick of the vehicle, and
-smoothing the input would hide it and delay everything else: glitches are found against their neighbours, said, and
-bridged. Glitches in readings are no matter here; the filter weighs each against what it expects.
+A filter trusts its inputs. A glitch of one sample in the steering angle would act as a kick of the vehicle, and
+smoothing the input would hide it and delay everything else: glitches are found by comparison with their neighbours,
+reported, and bridged. Glitches in readings need no treatment; the filter compares each reading with its prediction.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from .plain import PlainFilter
 from .state_space import StateSpace
 
 PART = 50_000
-"""Segments of which a filter keeps its history at a time: eight minutes at 100 Hz."""
+"""Segments per part of a filter's history: eight minutes at 100 Hz."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class LaidRun:
 
     Attributes
     ----------
-    run : as the model sees it.
+    run : the run, as the model gets it.
     segments : (S, numbers) of each segment.
-    readings : (S, m) at the segments' starts; NaN where nothing was read.
+    readings : (S, m) at the segments' starts; NaN where missing.
     row_segment : (n,) segment that starts at a row.
     read_segment : (n, m) segment at whose start a row's reading was taken; -1 for none.
     """
@@ -49,12 +49,12 @@ class LaidRun:
     read_segment: Index
 
     def filtered_alone(self) -> LaidRun:
-        """The same without what a filter no longer asks of the run: inputs behind its start, and readings by row."""
+        """The run without data that a filter no longer needs: inputs after the start, and readings by row."""
         run = replace(self.run, inputs=self.run.inputs[:1].copy(), measured=self.run.measured[:0].copy())
         return replace(self, run=run)
 
     def first(self, seconds: float) -> LaidRun:
-        """Its beginning."""
+        """The first seconds of the run."""
         rows = max(2, int(np.searchsorted(self.run.time, self.run.time[0] + seconds)))
         if rows >= len(self.row_segment):
             return self
@@ -68,8 +68,10 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
 
     Parameters
     ----------
-    p : (parameters,) of the model, for its delays and for how stiff it is.
-    read : outputs that are read; others are left unread although they were recorded.
+    space : the model.
+    recording : the recording.
+    p : (parameters,) of the model, for its delays and its stiffness.
+    read : outputs whose readings are used; others are ignored even if recorded.
 
     Raises
     ------
@@ -90,7 +92,7 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
                 taken = plan.read_segment[:, k] >= 0
                 y[plan.read_segment[taken, k], k] = run.measured[taken, k]
                 before = np.flatnonzero(np.isfinite(run.measured[: np.argmax(taken), k]))
-                if len(before):  # what was read before the run begins is what it begins with
+                if len(before):  # readings from before the run's first segment belong to that segment
                     y[plan.row_segment[0], k] = run.measured[before[-1], k]
         y[~np.isfinite(y)] = np.nan
         result.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment, plan.read_segment))
@@ -98,11 +100,11 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
 
 
 LONGEST_GAP = 0.5
-"""Gaps in an input up to this long are bridged, s; the filter starts anew behind longer ones."""
+"""Longest gap of an input that is bridged, s; after longer ones the filter starts again."""
 
 
 def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, list[str]]:
-    """The recording with glitches and short gaps of its inputs bridged by straight lines, and sentences on them."""
+    """The recording with glitches and short gaps of its inputs interpolated linearly, and sentences on them."""
     signals, known = {}, []
     for name in inputs:
         if name not in recording:
@@ -129,7 +131,7 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
 
 
 def _bridged(recording: Recording, values: Array) -> tuple[Array, int]:
-    """Values with short gaps inside runs filled, and how many stay missing."""
+    """Values with short gaps inside runs interpolated, and the number still missing."""
     result = values.copy()
     for start, stop in recording.runs:
         value, time = values[start:stop], recording.time[start:stop]
@@ -146,13 +148,13 @@ def _bridged(recording: Recording, values: Array) -> tuple[Array, int]:
 
 
 GATE = 5.0
-"""Readings further off than so many standard deviations count as noisier."""
+"""Innovation, in standard deviations, beyond which a reading's noise is raised."""
 START = 3.0
-"""How much worse than its noise a state is known where a reading starts it, and than its scale where none does."""
+"""Initial standard deviation of a state, relative to its reading's noise, or to its scale without a reading."""
 
 
 class Filter(Protocol):
-    """What filters: compiled, or in plain Python."""
+    """A Kalman filter: compiled, or in plain Python."""
 
     def run(
         self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
@@ -162,7 +164,7 @@ class Filter(Protocol):
 
 @dataclass(frozen=True)
 class Filtering:
-    """A state space, what filters it, and how.
+    """A state space with its filter.
 
     Attributes
     ----------
@@ -176,30 +178,30 @@ class Filtering:
     gate: float = GATE
 
     def _begun(self, runs: Sequence[LaidRun], p: Array) -> Iterator[tuple[LaidRun, Array, Array]]:
-        """Each run with states and covariances at its start, which who takes them moves to its end."""
+        """Each run with states and covariances at its start, which the caller moves to its end, in place."""
         before = None
         for run in runs:
             before = self.begin(run, p, before)
             yield run, *before
 
     def _through(self, runs: Sequence[LaidRun], p: Array, kept: Kept) -> Iterator[tuple[Array, History | None]]:
-        """What the filter makes of each run."""
+        """Cost and history of each run."""
         for run, x, P in self._begun(runs, p):
             yield self.filter.run(x, P, run.segments, run.readings, p, self.gate, kept)
 
     def costs(self, runs: Sequence[LaidRun], p: Array) -> Array:
-        """(L,) half of minus two log-likelihoods of parameters (L, parameters), constants left out."""
+        """(L,) negative log-likelihood for parameters (L, parameters), up to a constant."""
         return np.asarray(sum(cost for cost, _ in self._through(runs, p, "nothing")))
 
     def histories(self, runs: Sequence[LaidRun], p: Array, kept: Kept = "filtered") -> list[History]:
-        """What the filter went through with parameters (parameters,), run by run."""
+        """Histories of the filter for parameters (parameters,), run by run."""
         return [history for _, history in self._through(runs, p[None], kept) if history is not None]
 
     def in_parts(self, runs: Sequence[LaidRun], p: Array) -> Iterator[tuple[LaidRun, int, LaidRun, History]]:
-        """As `histories`, some segments at a time: the run, where in it they begin, they as a run, and their history.
+        """As `histories`, in parts: the run, first segment of the part in it, the part as a run, and its history.
 
-        What a filter keeps of hours is large; of a part, only where it ends matters to the next one: as it predicts the
-        first segment of that.
+        The history of hours is large; the next part needs only the end of the last one, as predicted for the next
+        part's first segment.
         """
         for run, x, P in self._begun(runs, p[None]):
             for first in range(0, len(run.segments), PART):
@@ -219,7 +221,7 @@ class Filtering:
                 yield run, first, part, replace(history, **{n: getattr(history, n)[: stop - first] for n in names})
 
     def innovations(self, runs: Sequence[LaidRun], p: Array) -> list[tuple[Array, Array]]:
-        """What filters of parameters (L, parameters) did not foresee, run by run: (L, S, m), and their variance."""
+        """Innovations of filters with parameters (L, parameters), run by run: (L, S, m), and their variance."""
         return [(one.off, one.spread) for _, one in self._through(runs, p, "innovations") if one is not None]
 
     def begin(self, laid_run: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
@@ -227,7 +229,9 @@ class Filtering:
 
         Parameters
         ----------
-        before : those at the end of the run before, from which what is tracked is carried over.
+        laid_run : the run.
+        p : (L, parameters) model and noise.
+        before : those at the end of the previous run, from which tracked parameters are carried over.
         """
         space, model = self.space, self.space.model
         noise = dict(zip(space.noises, p.T[model.size :], strict=True))
@@ -256,10 +260,10 @@ class Filtering:
 def filtering(
     space: StateSpace, kind: Kind, points: SigmaPoints, gate: float = GATE, *, many: bool = False
 ) -> Filtering:
-    """A compiled filter where there is a compiler, else one in plain Python, which is a thousand times slower.
+    """A compiled filter if there is a compiler, else one in plain Python, which is a thousand times slower.
 
-    The compiled code of `many` EKFs side by side differs from that of one. The environment variable GREYBOX_COMPILE=1
-    makes a missing compiler an error, 0 asks for plain Python.
+    The compiled code for `many` EKFs side by side differs from that for one. The environment variable GREYBOX_COMPILE=1
+    makes a missing compiler an error, 0 requests plain Python.
     """
     stated = os.environ.get("GREYBOX_COMPILE")
     if stated != "0":
@@ -273,17 +277,17 @@ def filtering(
 
 
 LEAST_VARIANCE = 1e-12
-"""Variance, in shares of the largest, that any direction is taken to have: what has none cannot be divided by."""
+"""Ridge of a predicted covariance, relative to its diagonal, so that it can be inverted."""
 
 
 def smoothed(history: History) -> tuple[Array, Array]:
-    """States (S, n) and their covariance (S, n, n) given all readings of the run.
+    """States (S, n) and their covariance (S, n, n), given all readings of the run.
 
-    The Rauch-Tung-Striebel smoother goes backwards through what a filter went through,
+    The Rauch-Tung-Striebel smoother goes backwards through a filter's history,
 
         G = forward predicted_P^-1,   x_s = x + G (x_s' - x'),   P_s = P + G (P_s' - P') G^T
 
-    with ' for the next segment, x' and P' as predicted for it and `forward` the covariance of x with x'. It serves EKF
+    with ' for the next segment, x' and P' predicted for it and `forward` the covariance of x with x'. It serves EKF
     and UKF alike. Source: Sarkka, Bayesian Filtering and Smoothing, 2013, Sec. 9.1 and 9.3.
     """
     x, P = history.filtered.copy(), history.filtered_P.copy()

@@ -1,7 +1,7 @@
-"""Whether a track can be trusted: innovations against what the filter expected of them, and sentences.
+"""Consistency of a filter: innovations compared with their expected variance, and sentences for the user.
 
-An innovation over its expected standard deviation, squared, is 1 on average (NIS, normalised innovation squared) and
-does not depend on the one before. Source: Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and
+An innovation over its expected standard deviation, squared, is 1 on average (NIS, normalised innovation squared), and
+innovations are uncorrelated. Source: Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and
 Navigation, 2001, Sec. 5.4.
 """
 
@@ -26,22 +26,22 @@ from .kernel import History
 from .state_space import Tracked
 
 WINDOW = 2.0
-"""Innovations are judged over so many seconds."""
+"""Length of windows over which NIS is averaged, s."""
 
 
 @dataclass(frozen=True)
 class Consistency:
-    """The innovations of one channel.
+    """Statistics of the innovations of one channel.
 
     Attributes
     ----------
-    count : how many readings were taken.
-    nis : their mean NIS.
+    count : number of readings used.
+    nis : their mean NIS, innovations clipped at the gate.
     inside : share of windows of `WINDOW` seconds whose mean NIS lies within its 95 % bounds.
-    correlation : of each with the next, and within which it lies in 95 % of cases if there is none.
-    correlation_bound : that bound.
-    gated : how many lay beyond the gate.
-    rms : root mean square of the innovations themselves, in the channel's unit.
+    correlation : of successive innovations.
+    correlation_bound : absolute value below which it lies in 95 % of cases for uncorrelated innovations.
+    gated : number of innovations beyond the gate.
+    rms : root mean square of the innovations, in the channel's unit.
     """
 
     count: int
@@ -54,12 +54,12 @@ class Consistency:
 
 
 def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Consistency:
-    """Judge a channel's innovations (n,) and their expected variances (n,); NaN where nothing was read."""
+    """Statistics of a channel's innovations (n,), given their expected variances (n,); NaN without a reading."""
     there = np.isfinite(off)
     count = int(np.count_nonzero(there))
     if count < 2:
         return Consistency(count, np.nan, np.nan, np.nan, np.nan, 0, np.nan)
-    scaled = off[there]  # in place from here: of hours, each copy is large
+    scaled = off[there]  # in place from here: for hours of data each copy is large
     rms = float(np.sqrt(np.mean(scaled**2)))
     scaled /= np.sqrt(spread[there])
     windows = windowed(scaled**2, per_window)
@@ -73,14 +73,14 @@ def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Cons
 
 
 def _with_the_next(values: Array) -> float:
-    """Correlation of each value with the next."""
+    """Correlation of successive values."""
     before, after = values[:-1], values[1:]
     both = float(np.dot(before, after)) / len(before) - float(np.mean(before)) * float(np.mean(after))
     return both / float(np.std(before) * np.std(after))
 
 
 class RunningConsistency:
-    """The innovations of one channel, judged as they come, in constant memory.
+    """Running statistics of the innovations of one channel, in constant memory.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class RunningConsistency:
 
     Attributes
     ----------
-    windows, lost : how many windows of `WINDOW` seconds there were, and in how many the mean NIS is beyond `LOST`.
+    windows, lost : number of windows of `WINDOW` seconds, and of those whose mean NIS exceeds `LOST`.
     """
 
     def __init__(self, gate: float) -> None:
@@ -98,7 +98,7 @@ class RunningConsistency:
         self._before, self._began, self._window = np.nan, np.nan, list[float]()
 
     def take(self, time: float, off: float, spread: float) -> None:
-        """Take one innovation and its expected variance; NaN where nothing was read."""
+        """Add one innovation and its expected variance; NaN without a reading."""
         if not time - self._began < WINDOW:
             self._close()
             self._began = time
@@ -122,7 +122,7 @@ class RunningConsistency:
         self._window = []
 
     def consistency(self) -> Consistency:
-        """What the innovations so far say; the correlation takes their mean for none."""
+        """Statistics so far; the correlation assumes a zero mean."""
         if self._count < 2:
             return Consistency(self._count, np.nan, np.nan, np.nan, np.nan, 0, np.nan)
         nis, bound = self._clipped / self._count, 1.96 / float(np.sqrt(self._count))
@@ -133,33 +133,33 @@ class RunningConsistency:
 
 
 def windowed(values: Array, size: int) -> Array:
-    """Means of windows of so many values; what is left over at the end is left out."""
+    """Means over windows of `size` values; an incomplete window at the end is dropped."""
     whole = len(values) // size
     return np.asarray(values[: whole * size].reshape(whole, size).mean(axis=1)) if whole else np.empty(0)
 
 
 def bounds(size: int) -> tuple[float, float]:
-    """Within which the mean of so many independent NIS lies in 95 % of cases."""
+    """95 % bounds of the mean of so many independent NIS."""
     return float(chdtri(size, 0.975) / size), float(chdtri(size, 0.025) / size)
 
 
 def widening(channels: Sequence[Consistency]) -> float:
-    """By how much bands are too narrow, judged by the channel that is furthest off; never less than 1."""
+    """Factor by which bands are too narrow, from the channel with the largest NIS; at least 1."""
     result = [np.sqrt(channel.nis) for channel in channels if np.isfinite(channel.nis)]
     return float(max([1.0, *result]))
 
 
 LOST = 5.0
-"""Where the median NIS of a window is beyond this, the filter has lost the vehicle: there it is 0.45 if it has not."""
+"""Median NIS of a window beyond which the filter has lost the vehicle; otherwise the median is 0.45."""
 TOLD = 0.5
-"""A tracked number is told where its standard deviation is below this share of what it is without the recording."""
+"""Standard deviation of a tracked parameter, relative to its prior one, below which it is identifiable."""
 MOSTLY = 0.9
 FLOORED = 0.999
-"""Noise below this share of its floor is below it, and not by rounding."""
+"""Share of its floor below which noise counts as below it, not merely by rounding."""
 
 
 def must_fill_a_window(runs: Sequence[MotionRun], name: str) -> None:
-    """Raise `BadInput` where not one window of innovations is there to judge the filter by."""
+    """Raise `BadInput` if the recording is shorter than one window of innovations."""
     rows, step = sum(len(run) for run in runs), runs[0].sample_time
     if rows < window_rows(step):
         raise BadInput(
@@ -169,12 +169,12 @@ def must_fill_a_window(runs: Sequence[MotionRun], name: str) -> None:
 
 
 def window_rows(sample_time: float) -> int:
-    """Rows of a window in which innovations are judged."""
+    """Rows of a window of innovations."""
     return max(2, round(WINDOW / sample_time))
 
 
 def must_be_finite(history: History, run: LaidRun, first: int, name: str) -> None:
-    """Raise `BadInput` where a filter diverged; `first` is the segment of the run at which the history begins."""
+    """Raise `BadInput` if a filter diverged; `first` is the segment of the run at which the history begins."""
     bad = np.flatnonzero(~np.all(np.isfinite(history.filtered), axis=1))
     if len(bad):
         row = min(int(np.searchsorted(run.row_segment, first + bad[0])), len(run.run) - 1)
@@ -185,7 +185,7 @@ def must_be_finite(history: History, run: LaidRun, first: int, name: str) -> Non
 
 
 def lost(runs: Sequence[LaidRun], histories: Sequence[History], readings: Sequence[str]) -> list[str]:
-    """On stretches where readings, one to a column, are far beyond what the filter expects of them."""
+    """Sentences on stretches where innovations, one reading to a column, are far larger than expected."""
     result = []
     for column, name in enumerate(readings):
         seconds, first = 0.0, np.nan
@@ -206,17 +206,17 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], readings: Sequen
 
 
 def distrusted_data(recording: Recording, used: Collection[str]) -> list[str]:
-    """What the checks of the data hold against signals that a filter takes as they are or reads."""
+    """Findings of the data checks on signals that a filter uses as inputs or readings."""
     return [f"Data check: {item.sentence}" for item in distrust(used, recording)]
 
 
 def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[str]:
-    """On noise of readings that is stated or tuned below what a recording can resolve.
+    """Sentences on noise of readings that is stated or tuned below the resolution of a recording.
 
     Parameters
     ----------
     noise : name of a noise -> its size.
-    floors : reading -> least noise, as of `resolution_of`.
+    floors : reading -> smallest noise, from `resolution_of`.
     """
     result = []
     for name, floor in floors.items():
@@ -232,7 +232,7 @@ def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[s
 
 
 def standing(sideslip: Array | None, slowest: float) -> list[str]:
-    """On rows in which the vehicle is too slow for a sideslip angle."""
+    """A sentence on rows in which the vehicle is too slow for a sideslip angle."""
     count = 0 if sideslip is None else int(np.count_nonzero(np.isnan(sideslip)))
     if count == 0:
         return []
@@ -240,7 +240,7 @@ def standing(sideslip: Array | None, slowest: float) -> list[str]:
 
 
 def only_over_mass(model: MotionModel) -> list[str]:
-    """On parameters tuned on innovations: forces only show through the mass they move."""
+    """A sentence on parameters tuned on innovations: forces are identifiable only relative to the mass."""
     over = [combination.name for combination in model.combinations if combination.name.endswith("/ m")]
     if "m" not in model or not over:
         return []
@@ -253,17 +253,18 @@ def only_over_mass(model: MotionModel) -> list[str]:
 
 
 def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
-    """(n,) whether a recording tells a tracked number better than it was known without it."""
+    """(n,) rows in which the recording makes a tracked parameter clearly more precise than its prior."""
     before = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)
     return np.asarray(sds < TOLD * before)
 
 
 def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
-    """On a cornering stiffness that a recording leaves open in some rows; "" where it hardly does.
+    """A sentence on a cornering stiffness that is not identifiable in some rows; "" if there are few.
 
     Parameters
     ----------
-    mask : (n,) whether a row tells it.
+    name : the stiffness.
+    mask : (n,) whether it is identifiable in a row.
     slip : (n,) the axle's slip angle, rad.
     force : name of the axle's lateral force.
     """

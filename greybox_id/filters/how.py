@@ -1,4 +1,4 @@
-"""How a recording is tracked: filter, readings, noise."""
+"""Options of tracking: filter, readings, noise."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from .filtering import GATE
 from .kernel import Kind, SigmaPoints
 
 READINGS = ("v_x", "yaw_rate", "a_y")
-"""What a series car measures: readings that a filter takes unless others are named."""
+"""Default readings: what a series car measures."""
 TUNED_ON = 60.0
-"""Noise is tuned on so many seconds at the beginning of a recording."""
+"""Default of the seconds at the beginning of a recording on which noise is tuned."""
 
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """How a recording is tracked.
+    """Options of tracking.
 
     Attributes
     ----------
     filter : "ekf" or "ukf".
-    smooth : whether later readings count as well.
-    readings : outputs whose readings are taken.
-    coloured : outputs whose error has a slow part besides white noise.
-    noise : sizes that are stated; the others are tuned.
-    known : sizes known of the vehicle, which count for those of the noises that there are.
-    tune : seconds at the beginning on which noise is tuned; 0 takes it as stated or guessed.
-    calibrate : seconds at the beginning on which the model's free parameters are tuned along; 0 leaves them.
-    gate : readings further off than so many standard deviations count as noisier.
+    smooth : whether estimates use later readings, too.
+    readings : outputs whose readings are used.
+    coloured : outputs with coloured noise in addition to white noise.
+    noise : stated sizes of noises; the others are tuned.
+    known : sizes of noises known for the vehicle, used for those that the model has.
+    tune : seconds at the beginning on which noise is tuned; 0 keeps it as stated or guessed.
+    calibrate : seconds at the beginning on which the model's free parameters are tuned, too; 0 keeps them.
+    gate : innovation, in standard deviations, beyond which a reading's noise is raised.
     points : sigma points of the UKF.
 
     Raises

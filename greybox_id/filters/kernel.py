@@ -1,15 +1,14 @@
-"""Filters compiled: a model's readings and segments in, states and their covariance out.
+"""Compiled filters: from a model's segments and readings to states and their covariance.
 
-Sigma points of the unscented one are the scaled points of Van der Merwe, Sigma-Point Kalman Filters for Probabilistic
-Inference in Dynamic State-Space Models, 2004, Sec. 3.2.2: the mean, and n points ahead and n behind it at
-sqrt(n + lambda) standard deviations along the columns of a root of P, lambda = alpha^2 (n + kappa) - n.
+The UKF uses the scaled sigma points of Van der Merwe, Sigma-Point Kalman Filters for Probabilistic Inference in Dynamic
+State-Space Models, 2004, Sec. 3.2.2: the mean, and n points on either side of it at sqrt(n + lambda) standard
+deviations along the columns of a root of P, lambda = alpha^2 (n + kappa) - n.
 
-The C of filters: extended Kalman filters side by side, and an unscented one whose sigma points are.
-
-Extended ones run one to a lane, on the same readings: noise is tuned by comparing them. A reading at a time (noise of
-readings is independent), covariances in Joseph's form; those of the unscented one by the unscented transform. A reading
-further off than `gate` standard deviations counts as noisier by just so much that it lies at the gate: a glitch then
-moves nothing, and a filter that has gone astray still finds its way back.
+In the C code, extended filters run side by side, one per lane, on the same readings, since tuning compares them; an
+unscented filter has its sigma points in the lanes. Readings are processed one at a time (their noise is independent),
+covariances updated in Joseph's form; those of the unscented filter by the unscented transform. A reading further off
+than `gate` standard deviations gets just so much more noise that it lies at the gate: a glitch then has little effect,
+and a filter that lost the vehicle can still recover.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from ..engine.vectors import of_lanes, product, table, writers
 from .state_space import StateSpace
 
 NARROW = "#define NARROW"
-"""Asks for vectors of four lanes where there are wider ones."""
+"""Requests vectors of four lanes even if wider ones exist."""
 LOOPS = r"""
 /* loops over the entries of covariances are worth unrolling, which -O1 does not do: a sixth of the time */
 #pragma GCC optimize("O3")
@@ -48,8 +47,8 @@ def written(
     ----------
     step, output : (x, s, p) -> value, variance of its noise and, if the filter uses it, the derivative by x.
     tables : declarations that the loops need.
-    loops : file of loops over segments, with `filter` as the function that is called.
-    narrow : whether vectors of four lanes will do.
+    loops : file of loops over segments, with `filter` as the function to call.
+    narrow : whether to use vectors of four lanes.
     sizes : further constants.
     """
     x, s, p = (step.numel_in(k) for k in range(3))
@@ -76,10 +75,10 @@ def ekf_source(step: cs.Function, output: cs.Function, many: bool, throughout: b
 
     Parameters
     ----------
-    many : whether many filters are to run side by side; a single one is a quarter faster in vectors of four lanes.
-    throughout : whether a segment's noise joins all along it; smoothers know of none that does.
     step : (x, s, p) -> x_next, variance of its noise, F = d x_next / d x (sparse).
     output : (x, s, p) -> y, variance of its noise, H = d y / d x (sparse).
+    many : whether many filters run side by side; a single one is a quarter faster in vectors of four lanes.
+    throughout : whether a segment's process noise enters throughout the segment, not at its end; not for smoothers.
     """
     F, H = step.sparsity_out(2), output.sparsity_out(2)
     row, column = H.get_triplet()
@@ -111,9 +110,9 @@ class SigmaPoints:
 
     Attributes
     ----------
-    alpha, beta, kappa : spread, knowledge of the fourth moment, second scale. At their defaults the points lie at
-        sqrt(n) standard deviations and the mean weighs nothing in means: no weight is negative, so that no covariance
-        can become indefinite, however many states there are.
+    alpha, beta, kappa : spread, knowledge of the fourth moment, second scale. By default the points lie at sqrt(n)
+        standard deviations and the mean has weight zero in means: no weight is negative, so that no covariance can
+        become indefinite, however many states there are.
     """
 
     alpha: float = 1.0
@@ -121,7 +120,7 @@ class SigmaPoints:
     kappa: float = 0.0
 
     def weights(self, n: int) -> Array:
-        """(4,): weight of the mean's point in means and in covariances, weight of every other point, and its reach."""
+        """(4,): the mean's weights in means and in covariances, weight of every other point, and its distance."""
         scale = self.alpha**2 * (n + self.kappa)
         middle = 1 - n / scale
         return np.array([middle, middle + 1 - self.alpha**2 + self.beta, 0.5 / scale, np.sqrt(scale)])
@@ -129,22 +128,22 @@ class SigmaPoints:
 
 Kind = Literal["ekf", "ukf"]
 Kept = Literal["nothing", "innovations", "filtered", "both ways"]
-"""What is kept of a filter's history: nothing, innovations of each filter, or of the first one what came after each
-segment's readings, or all a smoother needs."""
+"""Contents of a filter's history: nothing, innovations of each filter, or for the first filter the states after each
+segment's readings, or all that a smoother needs."""
 
 
 @dataclass(frozen=True)
 class History:
-    """What a filter went through, segment by segment (S segments, n entries of x, m readings).
+    """History of a filter, segment by segment (S segments, n entries of x, m readings).
 
     Attributes
     ----------
-    predicted, predicted_P : (S, n), (S, n, n) before a segment's readings; empty where no smoother needs them.
-    filtered, filtered_P : after them; empty where innovations alone are kept.
-    forward : (S, n, n) covariance of x after a segment's readings with x as predicted for the next one; empty likewise.
-    off : (S, m) innovations, reading minus prediction; NaN where nothing was read. (L, S, m) of L filters, where
-        innovations alone are kept.
-    spread : their variance as predicted, likewise.
+    predicted, predicted_P : (S, n), (S, n, n) before a segment's readings; empty unless a smoother needs them.
+    filtered, filtered_P : after them; empty if only innovations are kept.
+    forward : (S, n, n) covariance of x after a segment's readings with x predicted for the next one; empty likewise.
+    off : (S, m) innovations, reading minus prediction; NaN without a reading. (L, S, m) for L filters, if only
+        innovations are kept.
+    spread : their predicted variance, likewise.
     """
 
     predicted: Array
@@ -177,18 +176,19 @@ class CompiledFilter:
     def run(
         self, x: Array, P: Array, s: Array, y: Array, p: Array, gate: float, kept: Kept
     ) -> tuple[Array, History | None]:
-        """Filter; x and P, (L, n) and (L, n, n), are moved to after the last segment's readings.
+        """Filter; x and P, (L, n) and (L, n, n), are updated in place to after the last segment's readings.
 
         Parameters
         ----------
-        s, y : (S, numbers) and (S, m) segments, and what was read at their starts (NaN where nothing was).
+        x, P : states and covariances at the start.
+        s, y : (S, numbers) and (S, m) segments, and readings at their starts (NaN where missing).
         p : (L, parameters) of each filter.
-        gate : readings further off than so many standard deviations count as noisier.
-        kept : of the first filter's history, or of every filter's.
+        gate : innovation, in standard deviations, beyond which a reading's noise is raised.
+        kept : contents of the history.
 
         Returns
         -------
-        Half of minus two log-likelihoods of each filter, constants left out, (L,), and the history.
+        Negative log-likelihood of each filter up to a constant, (L,), and the history.
         """
         (lanes, n), (segments, m) = x.shape, y.shape
         shapes = [P.shape, s.shape, p.shape]
@@ -208,7 +208,7 @@ class CompiledFilter:
 
 
 def blank_history(lanes: int, segments: int, n: int, m: int, kept: Kept) -> History:
-    """A history to be filled in."""
+    """A history of zeros, to be filled in."""
     forwards = 0 if kept == "innovations" else segments
     backwards = segments if kept == "both ways" else 0
     back, after = ([(item, n), (item, n, n)] for item in (backwards, forwards))

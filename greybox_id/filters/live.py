@@ -1,4 +1,4 @@
-"""Live use: one row after the other, as it arrives, in constant memory; lines of a CSV in, lines of estimates out."""
+"""Live tracking: row by row as data arrive, in constant memory; lines of a CSV in, lines of estimates out."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ from .tuning import start_levels
 from .verb import Tracker
 
 STEADY = 8.0
-"""An input that jumps by more than so many times its largest step of the last seconds is waited with for a row ..."""
+"""An input is held back for a row if it jumps by more than this many times its largest recent step ..."""
 LEAST_JUMP = 0.02
-"""... if the jump is more than this share of the range it has been through."""
+"""... and by more than this share of its range so far."""
 FADES = 2.0
-"""Steps are remembered for about so many seconds."""
+"""Time constant with which the largest step is forgotten, s."""
 UNKNOWN = 1000.0
-"""A state whose standard deviation is so many times that at the beginning is unknown."""
+"""Ratio of a state's standard deviation to its initial one above which the state is unknown."""
 LONGEST_LINE = 1 << 20
-"""Characters of a line at most: ten thousand columns."""
+"""Largest number of characters per line: ten thousand columns."""
 
 
 class LiveFilter:
-    """A filter that is handed rows.
+    """A filter that processes one row at a time.
 
     Parameters
     ----------
-    filtering : what filters.
-    names : of the estimates wanted.
+    filtering : the filter.
+    names : names of the estimates to return.
     p : (parameters,) model and noise.
-    moves : (k, parameters) what is uncertain of p: each moves a filter of its own that runs beside.
-    hold : what commands do between rows, "zero" or "linear".
+    moves : (k, parameters) standard deviations of uncertain parameters, as moves of p; each gets a parallel filter.
+    hold : hold of commands between rows, "zero" or "linear".
     """
 
     def __init__(self, filtering: Filtering, names: Sequence[str], p: Array, moves: Array, hold: str) -> None:
@@ -70,16 +70,16 @@ class LiveFilter:
         self._x = self._P = np.empty(0)
 
     def push(self, time: float, inputs: Array, readings: Array) -> tuple[Array, Array, tuple[str, ...]]:
-        """Take a row: estimates, their standard deviations, and inputs that were held back as glitches.
+        """Process a row: estimates, their standard deviations, and inputs held back as glitches.
 
         Parameters
         ----------
         time : s.
-        inputs : (inputs,) of the model; NaN keeps the value before.
-        readings : (outputs,), NaN where nothing is read.
+        inputs : (inputs,) of the model; NaN keeps the previous value.
+        readings : (outputs,), NaN where missing.
 
-        What is `LARGEST` or more is nothing, as in a file. Should a state become what is no number all the same, the
-        row is left out and the filter begins anew with the next one. It also does where all readings are off.
+        Values of `LARGEST` or more count as missing, as in files. If a state becomes NaN nevertheless, the row is
+        dropped and the filter restarts with the next one. It also restarts if all readings are beyond the gate.
         """
         space = self._filtering.space
         inputs, readings = (np.where(np.abs(row) < LARGEST, row, np.nan) for row in (inputs, readings))
@@ -114,14 +114,14 @@ class LiveFilter:
         return *self._told(row), glitches
 
     def verdict(self) -> Verdict:
-        """Whether the estimates so far can be used, and why."""
+        """Whether the estimates so far are usable, and why."""
         channels = {name: judged.consistency() for name, judged in self._judged.items()}
         channels = {name: one for name, one in channels.items() if one.count}
         lost = {name: self._judged[name].lost / max(self._judged[name].windows, 1) for name in channels}
         return of_innovations(channels, lost, widened=1.0)
 
     def _lost(self, time: float, off: NDArray[np.bool_], read: NDArray[np.bool_]) -> bool:
-        """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown, as after what was no reading."""
+        """Whether all readings for `LONGEST_GAP` were beyond the gate, or a state is unknown, as after absurd ones."""
         if self._met is None or np.any(read & ~off):
             self._met = time
         is_off = bool(np.any(read)) and time - self._met > LONGEST_GAP
@@ -141,7 +141,7 @@ class LiveFilter:
         self._began = np.maximum(np.diagonal(self._P[0]), self._began if self._began.size else 0.0)
 
     def _go(self, row: Array, u: Array, step: float) -> None:
-        """From the row before to this one."""
+        """Predict from the previous row to this one."""
         assert self._last is not None
         space, before = self._filtering.space, self._last[1]
         held = np.array([n in space.model.commands and self._hold == "zero" for n in space.model.inputs], dtype=bool)
@@ -175,7 +175,7 @@ class LiveFilter:
 
 
 class _LiveGuard:
-    """Holds an input back for a row where it jumps as it never did; a glitch is gone by then, a true jump is not."""
+    """Holds an input back for a row if it jumps unusually far; a glitch is over by then, a true jump is not."""
 
     def __init__(self, inputs: Sequence[str]) -> None:
         self._names = tuple(inputs)
@@ -186,7 +186,7 @@ class _LiveGuard:
         self._rows = 0
 
     def clean(self, inputs: Array, step: float) -> tuple[Array, tuple[str, ...]]:
-        """The inputs to believe, and names of those held back."""
+        """The inputs to use, and names of those held back."""
         if self._before is None:
             self._before, self._low, self._high = inputs.copy(), inputs.copy(), inputs.copy()
             return inputs.copy(), ()
@@ -205,7 +205,7 @@ class _LiveGuard:
 
 
 def as_row(values: Mapping[str, float], names: Sequence[str]) -> Array:
-    """Values by name as an array, NaN where there is none."""
+    """Values by name as an array, NaN where missing."""
     return np.array([values.get(name, np.nan) for name in names])
 
 
@@ -213,19 +213,19 @@ def follow(
     model: MotionModel, parameters: Sequence[str], disturbances: Sequence[str], effects: Mapping[str, Effect],
     how: TrackOptions, columns: ColumnMap, lines: TextIO, out: TextIO, uncertain: Array | None = None,
 ) -> Verdict:  # fmt: skip
-    """Follow a vehicle.
+    """Track a vehicle live.
 
     Parameters
     ----------
     model, parameters, disturbances, effects, how, uncertain : as for `track`; noise is as stated, nothing is tuned.
-    columns : of the lines; their first one names the columns.
+    columns : column map of the lines; the first line names the columns.
     lines : comma-separated text, line by line.
-    out : takes a header line, then for every line time, each estimate and its standard deviation, and the names of
+    out : receives a header line, then for every line time, each estimate and its standard deviation, and the names of
         inputs that were held back as glitches; flushed line by line.
 
     Returns
     -------
-    Verdict, when the lines end: whether the innovations were what the filter expects.
+    Verdict at the end of the lines: whether the innovations were as the filter expects.
 
     Raises
     ------
@@ -268,14 +268,14 @@ def follow(
 
 
 def _magnitude(channel: Column, row: list[str], place: Mapping[str, int], line: int) -> float:
-    """A cell's number, with its sign where that has a column of its own."""
+    """A cell's number, with its sign if that has a separate column."""
     value = _number(row, place[channel.column], line)
     sign = row[place[channel.sign_column] :][:1] if channel.sign_column else []
     return value * channel.sign_of(sign[0] if sign else "") if channel.sign_column else value
 
 
 def _rows(lines: TextIO, separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Numbers of lines, and their cells. Raises `BadInput` where there is no such line."""
+    """Numbers of lines, and their cells. Raises `BadInput` for unreadable lines."""
     number = 0
     try:
         while line := lines.readline(LONGEST_LINE):
@@ -315,4 +315,4 @@ def _number(row: Sequence[str], place: int, line: int) -> float:
         result = float(text)
     except ValueError as error:
         raise BadInput(f"Line {line} of standard input: {text!r} is not a number.") from error
-    return result if np.isfinite(result) else np.nan  # an infinite number is no reading
+    return result if np.isfinite(result) else np.nan  # infinite readings count as missing

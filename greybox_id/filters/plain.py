@@ -1,6 +1,6 @@
 """Filters in plain Python, for machines without a compiler: CasADi evaluates the model, filterpy is the UKF.
 
-They do what the compiled ones do, reading by reading. filterpy: R. R. Labbe, github.com/rlabbe/filterpy.
+They do the same as the compiled ones. filterpy: R. R. Labbe, github.com/rlabbe/filterpy.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class _Ekf:
         self.space, self.x, self.P, self.p, self.gate, self.cost = space, x.copy(), P.copy(), p, gate, 0.0
 
     def read(self, s: Array, y: Array) -> tuple[Array, Array]:
-        """Take readings; innovations and their variances."""
+        """Update with readings; returns innovations and their variances."""
         y0, noise, H = _numbers(self.space.output, self.x, s, self.p)
         off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
         x0 = self.x.copy()
@@ -81,7 +81,7 @@ class _Ekf:
         return off, spread
 
     def step(self, s: Array) -> Array:
-        """Go on; the covariance of x with what it becomes."""
+        """Predict the next segment; returns the covariance of x with its prediction."""
         ahead, noise, F = _numbers(self.space.step, self.x, s, self.p)
         forward = self.P @ F.T
         Q = np.diag(noise[:, 0])
@@ -97,7 +97,7 @@ class _Ukf:
     def __init__(self, space: StateSpace, x: Array, P: Array, p: Array, gate: float, points: SigmaPoints) -> None:
         self.space, self.p, self.gate, self.cost = space, p, gate, 0.0
         n, m = space.size, len(space.model.outputs)
-        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # loads all of scipy.stats
+        from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter  # imported here: slow
 
         spread = MerweScaledSigmaPoints(n, points.alpha, points.beta, points.kappa, sqrt_method=_root)
         self._filter: Any = UnscentedKalmanFilter(n, m, 1.0, self._read, self._step, spread, x_mean_fn=_mean)
@@ -122,7 +122,7 @@ class _Ukf:
         self._filter.P = value
 
     def read(self, s: Array, y: Array) -> tuple[Array, Array]:
-        """Take readings; innovations and their variances."""
+        """Update with readings; returns innovations and their variances."""
         there = np.flatnonzero(np.isfinite(y))
         off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
         if len(there) == 0:
@@ -141,7 +141,7 @@ class _Ukf:
         return off, spread
 
     def step(self, s: Array) -> Array:
-        """Go on; the covariance of x with what it becomes."""
+        """Predict the next segment; returns the covariance of x with its prediction."""
         value = self._filter
         before = value.points_fn.sigma_points(value.x, value.P)
         value.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
@@ -161,12 +161,12 @@ class _Ukf:
 
 
 def _mean(points: Array, weights: Array) -> Array:
-    """Taken from the first point, so that what all of them share comes out exactly."""
+    """Weighted mean, relative to the first point, so that common values are exact."""
     return np.asarray(points[0] + weights @ (points - points[0]))
 
 
 def _root(P: Array) -> Array:
-    """Upper triangle U with U' U = P; a direction without variance has none."""
+    """Upper triangle U with U' U = P; zero in directions without variance."""
     n, L = len(P), np.zeros_like(P)
     for j in range(n):
         d = P[j, j] - L[j, :j] @ L[j, :j]

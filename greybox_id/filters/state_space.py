@@ -1,27 +1,24 @@
-"""A motion model as a filter sees it: what is tracked joins the states, and every noise has a size.
+"""The state space of a filter: a motion model with tracked parameters among its states, and sizes of all noises.
 
-    x = [states, actuators, relaxed quantities | what is tracked | colour of readings]
+    x = [states, actuators, relaxed quantities | tracked parameters | coloured noise of readings]
 
-What is tracked walks at random. It may be a parameter; an input, which is then taken from nowhere but the readings; or
-a quantity of the equations, such as the axle force F_yf, which then replaces the tyre model. What is positive walks in
-its logarithm, in shares of itself. Colour is the slow part of a reading's error (a first-order Gauss-Markov process:
-roll, bank, vibration), white noise the rest.
+Tracked parameters are random walks. Each may be a parameter of the model; the magnitude of an effect; a combination
+scaled by a quantity, such as cornering stiffness; a quantity of the equations, such as the axle force F_yf, which then
+replaces the tyre model; or an input that was not recorded, such as the driving force, which then follows from the
+readings alone. Positive ones walk in their logarithm. Coloured noise is the slow part of a reading's error (a
+first-order Gauss-Markov process: roll, bank, vibration), white noise the rest.
 
-Noise is of the same kind as parameters, numbers by name, and follows them in the vector p:
+There are two kinds of tracked parameters:
 
-    walk_v_y        how far a state or what is tracked walks in the root of a second, m/s per root s
+    parameters     walk without return: tyres that warm or wear, a load that shifts
+    disturbances   return to their start (Gauss-Markov processes): bank and wind, play of the steering
+
+Sizes of noises are parameters by name, appended to the model's in the vector p:
+
+    walk_v_y        random walk of a state or tracked parameter in one root second, m/s per root s
     noise_a_y       standard deviation of a reading's white noise
     colour_a_y      standard deviation of its coloured noise
     memory_a_y      s, its time constant
-
-What is tracked: from names to a model in which these walk.
-
-    parameters     walk at random, off for good: tyres that warm or wear, a load that shifts
-    disturbances   come and go about where they stand: bank and wind, play of the steering
-
-Either may be a parameter of the model; the magnitude of an effect; a combination that a quantity scales, as cornering
-stiffness is; a quantity of the equations, as the axle force F_yf, which then takes the place of the tyre model; or an
-input that was not recorded, as the driving force, which then follows from the readings alone.
 """
 
 from __future__ import annotations
@@ -42,24 +39,24 @@ from ..models.motion_model import MotionModel, Quantities
 from ..models.parameter import Parameter
 
 TINY_TIME = 1e-15
-"""Added to lengths of segments, s: some have none."""
+"""Added to lengths of segments, s: some are zero."""
 
 SLOWEST = 0.5
-"""Below this speed, m/s, there is no sideslip angle to speak of."""
+"""Speed, m/s, below which the sideslip angle is not defined."""
 
 
 @dataclass(frozen=True)
 class Tracked:
-    """Something that walks at random.
+    """A tracked parameter, a random walk.
 
     Attributes
     ----------
-    name : a parameter of the model by that name.
+    name : name of a parameter of the model.
     unit : SI unit.
-    value : where it starts.
-    sd : how well that is known, in the same unit.
+    value : initial value.
+    sd : standard deviation of the initial value, in the same unit.
     logarithmic : whether it walks in its logarithm.
-    returns : whether it is drawn back to where it started (a Gauss-Markov process) instead of walking off for good.
+    returns : whether it returns to its start (a Gauss-Markov process) instead of walking off.
     """
 
     name: str
@@ -71,28 +68,28 @@ class Tracked:
 
     @property
     def start(self) -> float:
-        """Where it starts, in the coordinate it walks in."""
+        """Initial value, in the coordinate of the walk."""
         return float(np.log(self.value)) if self.logarithmic else self.value
 
     @property
     def start_sd(self) -> float:
-        """How well that is known, in the coordinate it walks in."""
+        """Standard deviation of the initial value, in the coordinate of the walk."""
         return self.sd / self.value if self.logarithmic else self.sd
 
 
 class StateSpace:
-    """A model with what is tracked and its noise.
+    """A model with tracked parameters and noise.
 
     Attributes
     ----------
-    model : the model; what is tracked is among its parameters.
-    tracked : what walks, in order.
-    coloured : outputs whose error has a slow part.
+    model : the model; tracked parameters are among its parameters.
+    tracked : the tracked parameters, in order.
+    coloured : outputs with coloured noise.
     trace : the model's segments as CasADi functions.
-    names : of the entries of x.
+    names : names of the entries of x.
     noises : names of the noise parameters, which follow the model's in p.
-    step : (x, s, p) -> x at the segment's end, variance of the noise that joined, F = d x_end / d x.
-    throughout : whether that noise joins all along a segment, and not at its end.
+    step : (x, s, p) -> x at the segment's end, variance of its process noise, F = d x_end / d x.
+    throughout : whether process noise enters throughout a segment, not at its end.
     output : (x, s, p) -> readings at the segment's start, variance of their white noise, H = d y / d x.
     """
 
@@ -132,10 +129,10 @@ class StateSpace:
         self._starts: dict[tuple[str, ...], SampledFunction] = {}
 
     def seen(self, names: Sequence[str]) -> SampledFunction:
-        """(x, s, p) -> what is named, then its derivatives by x, name by name.
+        """(x, s, p) -> the named values, then their derivatives by x, name by name.
 
         Names are those of states, inputs, quantities and scaled combinations; "sideslip", atan2(v_y, v_x), NaN below
-        `SLOWEST`; and those of what is tracked.
+        `SLOWEST`; and those of tracked parameters.
         """
         x, s, p, z, parameters = self._of
         value = {one.name: parameters[self.place(one.name)] for one in self.tracked}
@@ -153,20 +150,20 @@ class StateSpace:
         return SampledFunction(cs.Function("seen", [x, s, p], [cs.vertcat(values, by_x)]))
 
     def start(self, read: tuple[str, ...]) -> SampledFunction:
-        """(readings of the states read, inputs, parameters) -> [states, actuators, relaxed] where a run starts."""
+        """(readings of the measured states, inputs, parameters) -> [states, actuators, relaxed] at a run's start."""
         if read not in self._starts:
             self._starts[read] = SampledFunction(self.trace.start(read))
         return self._starts[read]
 
     def _parameters(self, sx: cs.SX, p: cs.SX) -> cs.SX:
-        """The model's parameters, those tracked from where they have walked to."""
+        """The model's parameters, with the present values of the tracked ones."""
         entries = cs.vertsplit(p) if p.numel() else []
         for k, tracked in enumerate(self.tracked):
             entries[self.place(tracked.name)] = cs.exp(sx[k]) if tracked.logarithmic else sx[k]
         return cs.vertcat(*entries)
 
     def place(self, name: str) -> int:
-        """Where a parameter of the model begins in p."""
+        """First index of a parameter of the model in p."""
         return sum(p.size for p in self.model.parameters[: [p.name for p in self.model.parameters].index(name)])
 
     def _faded(self, colour: cs.SX, h: cs.SX, noise: Mapping[str, cs.SX]) -> cs.SX:
@@ -181,24 +178,24 @@ class StateSpace:
         return cs.vertcat(*ends)
 
     def _joining(self, h: cs.SX, noise: Mapping[str, cs.SX]) -> cs.SX:
-        """Variance of what joins each entry of x over a segment."""
+        """Variance of the process noise of each entry of x over a segment."""
         walks = {name: noise[f"walk_{name}"] ** 2 * h for name in self.walking}
         for one in self.tracked:
             if one.returns:
                 T = noise[f"memory_{one.name}"]
                 walks[one.name] *= self._joined(h, T) * T / (2 * h + TINY_TIME)
-        carried = [cs.SX(0)] * len(self.carried)  # exact responses, and followers of what has noise already
+        carried = [cs.SX(0)] * len(self.carried)  # deterministic responses to states that have noise already
         coloured = [noise[f"colour_{n}"] ** 2 * self._joined(h, noise[f"memory_{n}"]) for n in self.coloured]
         states = [walks[name] for name in self.trace.names]
         return cs.vertcat(*states, *carried, *[walks[one.name] for one in self.tracked], *coloured)
 
     def _joined(self, h: cs.SX, T: cs.SX) -> cs.SX:
-        """Variance of a Gauss-Markov process's noise over a segment, in shares of the process's own."""
+        """Variance of a Gauss-Markov process's noise over a segment, relative to its stationary variance."""
         value = -cs.expm1(-2 * h / T)
         if not self.throughout:
             return value
         decay = cs.exp(-h / T)
-        return value * 3 / (1 + decay + decay**2)  # what joins early fades until the end
+        return value * 3 / (1 + decay + decay**2)  # early noise decays until the end
 
 
 def _differentiated(name: str, x: cs.SX, s: cs.SX, p: cs.SX, value: cs.SX, variance: cs.SX) -> cs.Function:
@@ -207,20 +204,20 @@ def _differentiated(name: str, x: cs.SX, s: cs.SX, p: cs.SX, value: cs.SX, varia
 
 
 SHARE = 0.2
-"""How well a positive parameter is known where nothing is said: this share of itself."""
+"""Default standard deviation of a positive parameter, relative to its value."""
 USUAL = {"N": 3000.0, "N m": 1000.0, "m/s^2": 3.0, "rad": 0.01, "rad/s": 0.02, "A": 20.0, "1": 0.2}
-"""How far something else is from its value where nothing is said, by unit."""
+"""Default standard deviation of other parameters, by unit."""
 GRAVITY = 9.81
 
 
 def walking(
     model: MotionModel, parameters: Sequence[str], disturbances: Sequence[str], effects: Mapping[str, Effect]
 ) -> tuple[MotionModel, tuple[Tracked, ...]]:
-    """The model with what is to be tracked among its parameters, and how each of them walks.
+    """The model with tracked parameters among its parameters, and their random walks.
 
     Raises
     ------
-    BadInput : a name that stands for nothing in this model, or one that is there twice.
+    BadInput : a name is unknown to this model, or given twice.
     """
     names = [*parameters, *disturbances]
     twice = sorted({name for name in names if names.count(name) > 1})
@@ -243,7 +240,7 @@ def trackable(model: MotionModel) -> tuple[str, ...]:
 
 
 def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tuple[MotionModel, str]:
-    """The model with a parameter that stands for what is named, and the parameter's name."""
+    """The model with a parameter for the named value, and the parameter's name."""
     if name in model:
         if model[name].shape != ():
             raise BadInput(f"{name} is an array of {model[name].size} numbers; only single numbers are tracked.")
@@ -263,7 +260,7 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
         signals = model.aliases.get(name, (name,))
         free = replace(model, defaults={**model.defaults, name: 0.0})
         same = next((signal for signal in signals if signal in model.quantities), "")
-        if same:  # what the input leads to, in a unit that needs no factor
+        if same:  # track the quantity that the input determines, in a unit that needs no factor
             return _found(free, same, effects)
         return free.with_parameters(Parameter(name, unit_of(signals[0]), 0.0)).altered(**{name: _given(name)}), name
     if name in model.quantities:

@@ -1,11 +1,10 @@
-"""What tracking finds: states, tyres and forces over time with standard deviations; the vehicle with what was tuned.
+"""Results of tracking: states, tyres and forces over time with standard deviations; the vehicle with tuned values; the
+verdict on a track.
 
-The verdict on a track: whether its innovations are what the filter said of them.
-
-A filter states how far readings may lie from what it expects. Where they lie further, or hang together, the model or
-its noise is wrong and bands are too narrow; where they lie much closer, bands are too wide. Rules as in Bar-Shalom, Li
-& Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4; sizes are those from which bands
-are wrong by half or more.
+A filter predicts the variance of its innovations. If they are larger, or correlated, the model or its noise is wrong
+and bands are too narrow; if they are much smaller, bands are too wide. Rules as in Bar-Shalom, Li & Kirubarajan,
+Estimation with Applications to Tracking and Navigation, 2001, Sec. 5.4; thresholds are those at which bands are wrong
+by half or more.
 """
 
 from __future__ import annotations
@@ -31,31 +30,31 @@ from .findings import LOST, WINDOW, Consistency, window_rows, windowed
 
 @dataclass(frozen=True)
 class Track:
-    """Estimates over a recording.
+    """Estimates along a recording.
 
     Attributes
     ----------
-    model : with what is tracked among its parameters.
-    recording : as the filter saw it, glitches of inputs bridged.
+    model : the model, with tracked parameters among its parameters.
+    recording : the recording as filtered, with glitches of inputs bridged.
     kind : "ekf" or "ukf".
-    smoothed : whether later readings count as well.
-    rows : (n,) of the recording that the estimates are of.
+    smoothed : whether estimates use later readings, too.
+    rows : (n,) rows of the recording that the estimates belong to.
     run : (n,) number of the unbroken run of each row, from 0.
     values, sds : name -> (n,) estimate and its standard deviation, in SI units.
     units : name -> SI unit.
-    tracked : names of what walks.
-    parameters, disturbances : what walks for good, and what comes and goes, as named; inputs that were not recorded
-        are among the parameters.
+    tracked : names of the tracked parameters.
+    parameters, disturbances : names as requested, of those that walk and of those that return; inputs that were not
+        recorded are among the parameters.
     noise : name -> size, as used.
-    noise_from, noise_units : name -> where its size is from (stated, tuned, guessed), and its SI unit; of what walks,
-        that per root second.
-    innovations, expected : channel -> (n,) innovations of readings, and their standard deviations as expected.
-    consistency : channel -> what these say.
-    widened : by how much standard deviations were widened for innovations that scatter further than expected.
-    log_likelihood : of all readings, constants left out.
-    sentences : what a reader must know: glitches, gaps, what this recording does not tell and where.
-    told : tracked name -> share of rows in which the recording tells more of it than was known before.
-    calibrated : parameter -> its value and standard deviation, where parameters were tuned along with the noise.
+    noise_from, noise_units : name -> origin of its size (stated, tuned, guessed), and its SI unit; for random walks
+        per root second.
+    innovations, expected : channel -> (n,) innovations, and their expected standard deviations.
+    consistency : channel -> statistics of its innovations.
+    widened : factor by which standard deviations were widened because innovations were larger than expected.
+    log_likelihood : of all readings, up to a constant.
+    sentences : remarks for the reader: glitches, gaps, what is not identifiable and where.
+    told : tracked name -> share of rows in which the recording makes it clearly more precise than its prior.
+    calibrated : parameter -> its value and standard deviation, if parameters were tuned along with the noise.
     seconds : processor time of the filter itself.
     """
 
@@ -86,7 +85,7 @@ class Track:
 
     @property
     def time(self) -> Array:
-        """(n,) s."""
+        """(n,) times of the rows, s."""
         return np.asarray(self.recording.time[self.rows.astype(int)])
 
     def table(self, copy: bool = True) -> pd.DataFrame:
@@ -94,7 +93,7 @@ class Track:
 
         Parameters
         ----------
-        copy : whether its columns are its own; without, a table of hours takes no memory, and must not be changed.
+        copy : whether to copy the columns; without, a table of hours takes no memory, and must not be changed.
         """
         columns: dict[str, Array] = {"time": self.time, "run": self.run}
         for name, values in self.values.items():
@@ -113,12 +112,14 @@ def tracked_vehicle(
     disturbances: Sequence[str],
     effects: Mapping[str, Effect],
 ) -> Vehicle:
-    """The vehicle with the model's numbers as calibrated, their uncertainty, and the noise.
+    """The vehicle with the calibrated parameters, their uncertainty, and the noise.
 
     Parameters
     ----------
-    parameters, disturbances : what was tracked, as named.
-    effects : all there are, by name; those of the model stand under [model] effects.
+    vehicle : the vehicle before.
+    track : the result of tracking.
+    parameters, disturbances : names that were tracked, as requested.
+    effects : all effects, by name; the model's effects are stored under [model] effects.
     """
     source = SOURCE.format(recording=track.recording.name)
     before = vehicle.model.effects if vehicle.model is not None else {}
@@ -135,33 +136,33 @@ def tracked_vehicle(
 
 
 def _rounded(noise: Mapping[str, float], track: Track) -> dict[str, float]:
-    """The noises that readings told, to three digits."""
+    """The noises of the channels that were read, to three digits."""
     unread = {f"noise_{name}" for name in track.model.outputs if name not in track.consistency}
     return {name: float(f"{size:.3g}") for name, size in noise.items() if name not in unread}
 
 
 NARROW, WIDE = 2.25, 0.45
-"""Mean NIS (1 is due) from which standard deviations are 1.5 times too small, and 1.5 times too large."""
+"""Mean NIS (expected: 1) from which standard deviations are 1.5 times too small, and 1.5 times too large."""
 INSIDE = 0.5
-"""Share of windows within their 95 % bounds below which the noise is not what the filter takes it for."""
+"""Share of windows within their 95 % bounds below which the noise is not as the filter assumes."""
 TOGETHER = 0.5
-"""Correlation of each innovation with the next from which they are no noise: (1 + c) / (1 - c) is 3 then."""
+"""Correlation of successive innovations above which they are not white: (1 + c) / (1 - c) is then 3."""
 MOSTLY_LOST = 0.5
-"""Share of the windows in which a channel is lost, from which nothing is tracked."""
+"""Share of windows in which a channel is lost above which the track is not usable."""
 STIFFNESSES = {
     "stiffness_f": "C_alpha_f",
     "stiffness_r": "C_alpha_r",
     "C_alpha_f": "C_alpha_f",
     "C_alpha_r": "C_alpha_r",
 }
-"""What walks -> the cornering stiffness that it is."""
+"""Tracked parameter -> its cornering stiffness."""
 A_MINUTE, RESTLESS = 60.0, 0.4
-"""s, and the share by which a tuned stiffness walks in it from which it makes up for what the model lacks: of 19 of 20
-virtual vehicles the larger of both walked by 0.22 or less, by 0.44 and more where wheelbases were 30 % off."""
+"""s, and the relative walk of a tuned stiffness in it above which the walk compensates a model error: in 19 of 20
+virtual vehicles the larger of both walked by 0.22 or less, by 0.44 and more with wheelbases 30 % off."""
 
 
 def verdict(track: Track) -> Verdict:
-    """Whether a track can be used, and why."""
+    """Whether a track is usable, and why."""
     checked = [
         Reason(NOT_USABLE if _throughout(item) else WITH_CARE, f"Data check: {item.sentence}")
         for item in distrust(used_signals(track.model), track.recording)
@@ -171,7 +172,7 @@ def verdict(track: Track) -> Verdict:
 
 
 def _restless(track: Track) -> Iterator[Reason]:
-    """Stiffnesses whose walk was tuned so large that innovations are what is expected of any vehicle."""
+    """A reason if the walk of a stiffness was tuned so large that innovations are consistent for any vehicle."""
     sizes = {
         walking: track.noise.get(f"walk_{walking}", 0.0) * A_MINUTE**0.5
         for walking in track.tracked
@@ -189,20 +190,20 @@ def _restless(track: Track) -> Iterator[Reason]:
 
 
 def _throughout(finding: Finding) -> bool:
-    """Whether a signal is wrong in all rows; where it is in some, or missing there, the filter goes on from others."""
+    """Whether a signal is wrong in all rows; if only in some, or missing there, the filter continues with others."""
     return finding.where.run is None and not finding.where.rows and finding.kind != "missing"
 
 
 def of_innovations(
     channels: Mapping[str, Consistency], lost: Mapping[str, float], widened: float, more: Sequence[Reason] = ()
 ) -> Verdict:
-    """The verdict that innovations leave.
+    """The verdict from the innovations.
 
     Parameters
     ----------
-    channels : reading -> what its innovations say.
-    lost : reading -> share of windows in which they are far beyond what is expected.
-    widened : by how much bands were widened for them.
+    channels : reading -> statistics of its innovations.
+    lost : reading -> share of windows in which they are far larger than expected.
+    widened : factor by which bands were widened.
     more : further reasons, which come first.
     """
     reasons = [*more]
@@ -251,7 +252,7 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
 
 
 def _lost(track: Track, name: str) -> float:
-    """Share of windows in which a channel's innovations are far beyond what is expected."""
+    """Share of windows in which a channel's innovations are far larger than expected."""
     off, sd = track.innovations.get(name), track.expected.get(name)
     if off is None or sd is None:
         return 0.0

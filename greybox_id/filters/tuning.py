@@ -1,15 +1,15 @@
-"""Noise from the data: the numbers under which what was read is least surprising.
+"""Tune noise, and optionally parameters, by maximising the likelihood of the readings.
 
-A filter predicts each reading with a variance; the likelihood of all innovations together says how well noise and, if
-asked, the model's own free parameters fit (prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2;
-Kristensen, Madsen & Jorgensen, Automatica 40, 2004). Gradients come from filters side by side, one for each number.
+A filter predicts each reading with a variance; the likelihood of all innovations measures how well noise and, if
+requested, the model's free parameters fit (prediction errors, Ljung, System Identification, 2nd ed., Sec. 7.2;
+Kristensen, Madsen & Jorgensen, Automatica 40, 2004). Gradients come from parallel filters, one for each parameter.
 
-The likelihood knows what was read and nothing else: a better one is not always a better sideslip.
+The likelihood depends on readings only: a better one does not always give a better sideslip.
 
-What is uncertain of a model besides what walks in it is moved by its standard deviation, the filter is run again, and
-what the estimates owe to it joins their bands. The filter itself takes the model as certain.
+For the uncertainty of parameters that are not tracked, each is moved by its standard deviation and the filter is run
+again; the change of the estimates is added to their bands. The filter itself takes the model as certain.
 
-Where the sizes of noises start from, before they are tuned.
+Also: initial sizes of noises, before tuning.
 """
 
 from __future__ import annotations
@@ -32,32 +32,32 @@ from .filtering import Filtering, LaidRun
 from .state_space import StateSpace
 
 STEP = 1e-5
-"""Of differences, in the coordinates below."""
+"""Step of finite differences, in coordinates."""
 NOISE_SD = 2.0
-"""What is believed of a noise: its logarithm within so much of where it starts, one standard deviation."""
+"""Prior standard deviation of the logarithm of a noise's size, around its initial size."""
 WEAK = 1.0
-"""Prior of a parameter that nothing is stated of, in its logarithm or in its usual size."""
+"""Prior standard deviation of a parameter without a prior, in its logarithm or relative to its usual size."""
 FARTHEST = 6.0
-"""No noise moves further than this, in its logarithm."""
+"""Largest change of the logarithm of a noise's size."""
 FAR_UP = 1e15
-"""Cost of numbers with which the filter diverges."""
+"""Cost of parameters with which the filter diverges."""
 WIDE = 1e-3
-"""Of differences of slopes."""
+"""Step of finite differences of gradients."""
 MOST_STEPS = 80
 BLOCK_SECONDS = 5.0
-"""Surprises within so many seconds may depend on each other."""
+"""Length of blocks of innovations; costs within a block may be correlated."""
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One number of p, as it is searched: its logarithm, or itself over its scale.
+    """One entry of p in search coordinates: its logarithm, or its value over its scale.
 
     Attributes
     ----------
-    place : in p.
-    mean, sd : what is believed of the coordinate.
-    scale : of a number that is searched itself; 0 where it is its logarithm.
-    low, high : of the coordinate.
+    place : index in p.
+    mean, sd : of the coordinate's normal prior.
+    scale : divisor of an entry that is not logarithmic; 0 for a logarithmic one.
+    low, high : bounds of the coordinate.
     """
 
     place: int
@@ -78,14 +78,14 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class Tuned:
-    """What tuning found.
+    """Result of tuning.
 
     Attributes
     ----------
-    p : (parameters,) all numbers.
-    cost : half of minus two log-likelihoods, constants left out, before and after.
-    steps : taken.
-    moves : (k, parameters) principal standard deviations of the model's own parameters, as moves of p.
+    p : (parameters,) all entries.
+    cost : negative log-likelihood up to a constant, before and after.
+    steps : number of steps.
+    moves : (k, parameters) principal standard deviations of the model's parameters, as moves of p.
     """
 
     p: Array
@@ -97,7 +97,7 @@ class Tuned:
 def noise_coordinates(
     filtering: Filtering, p: Array, tunable: Sequence[str], floors: Mapping[str, float] | None = None
 ) -> list[Coordinate]:
-    """The noises by these names, none of a reading below its floor."""
+    """The given noises as coordinates; a reading's noise is bounded from below by its floor."""
     floors = floors or {}
     begin, names = filtering.space.model.size, filtering.space.noises
     result = []
@@ -111,7 +111,7 @@ def noise_coordinates(
 
 
 def model_coordinates(model: MotionModel, tracked: Sequence[str]) -> list[Coordinate]:
-    """The model's free single parameters that are not tracked."""
+    """The model's free scalar parameters that are not tracked, as coordinates."""
     free = free_places(model.parameters)
     return [_coordinate(model[name], place) for name, place in free.items() if name not in tracked]
 
@@ -120,7 +120,7 @@ def tuned(
     filtering: Filtering, runs: Sequence[LaidRun], p: Array, noise: Sequence[Coordinate],
     coordinates: Sequence[Coordinate], say: Callable[[str], None] = lambda line: None,
 ) -> Tuned:  # fmt: skip
-    """The most likely numbers, near what is believed of them."""
+    """Maximise the posterior of noise and parameters."""
     search = _Search(filtering, runs, p, [*noise, *coordinates])
     before = float(filtering.costs(runs, p[None])[0])
     if not np.isfinite(before):
@@ -161,13 +161,13 @@ def _coordinate(parameter: Parameter, place: int) -> Coordinate:
 
 @dataclass(frozen=True)
 class _Search:
-    """The likelihood in coordinates.
+    """The likelihood as a function of the coordinates.
 
     Attributes
     ----------
-    filtering, runs : what is filtered.
-    p : all numbers, those that are not searched stay there.
-    coordinates : of those searched.
+    filtering, runs : the filter and its data.
+    p : all entries; those that are not searched stay at these values.
+    coordinates : the searched entries.
     """
 
     filtering: Filtering
@@ -177,23 +177,23 @@ class _Search:
 
     @cached_property
     def mean(self) -> Array:
-        """What is believed of the coordinates."""
+        """Prior means of the coordinates."""
         return np.array([c.mean for c in self.coordinates])
 
     @cached_property
     def sd(self) -> Array:
-        """How well."""
+        """Prior standard deviations of the coordinates."""
         return np.array([c.sd for c in self.coordinates])
 
     def placed(self, points: Array) -> Array:
-        """All numbers (L, parameters) at points (L, coordinates)."""
+        """All entries of p, (L, parameters), at points (L, coordinates)."""
         result = np.tile(self.p, (len(points), 1))
         for column, c in zip(points.T, self.coordinates, strict=True):
             result[:, c.place] = c.value(column)
         return result
 
     def surprise(self, point: Array) -> tuple[float, Array]:
-        """Half of minus two log-posteriors, constants left out, and its slope."""
+        """Negative log-posterior up to a constant, and its gradient."""
         around = point + STEP * np.vstack([np.zeros(len(point)), np.eye(len(point))])
         costs = self.filtering.costs(self.runs, self.placed(around))
         off = (point - self.mean) / self.sd
@@ -203,17 +203,17 @@ class _Search:
         return float(cost), slope
 
     def spread(self, point: Array) -> Array:
-        """Covariance of the coordinates at the best point.
+        """Covariance of the coordinates at the optimum.
 
-        The curvature says how sharply the likelihood tells them; the scores of blocks, how much they scatter, which is
-        more than the curvature says where the model is not the vehicle (sandwich). Nothing is known worse than before.
+        The curvature measures the precision of the likelihood; the scatter of the scores of blocks exceeds it if the
+        model is not the vehicle (sandwich). No direction has a larger variance than its prior.
         """
         ahead, behind = (
             np.array([self.surprise(point + sign * WIDE * e)[1] for e in np.eye(len(point))]) for sign in (1, -1)
         )
         H = (
             (ahead - behind) / (2 * WIDE) * self.sd * self.sd[:, None]
-        )  # in units of what was believed, of which it has 1
+        )  # in units of the prior's standard deviation, in which the prior's curvature is 1
         values, vectors = np.linalg.eigh((H + H.T) / 2)
         inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
         here = self._blocks(point)
@@ -227,7 +227,7 @@ class _Search:
 
 
 def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Array:
-    """What each block of readings adds to the cost."""
+    """Cost of each block of readings."""
     blocks = []
     for run, history in zip(runs, filtering.histories(runs, p), strict=True):
         taken = np.maximum(history.spread, history.off**2 / filtering.gate**2)
@@ -239,7 +239,7 @@ def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Arr
 
 
 def beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
-    """The first seconds of some runs; the first run has its share at least."""
+    """The first seconds of several runs; at least some of the first run."""
     result: list[LaidRun] = []
     left = seconds
     for run in runs:
@@ -251,7 +251,7 @@ def beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
 
 
 def believed(space: StateSpace, size: int) -> Array:
-    """(k, size) one standard deviation of every free parameter with a prior, as moves of p; what walks left out."""
+    """(k, size) one standard deviation of every free parameter with a prior, as moves of p; without tracked ones."""
     moves = []
     tracked = {item.name for item in space.tracked}
     for parameter in space.model.parameters:
@@ -267,7 +267,7 @@ def believed(space: StateSpace, size: int) -> Array:
 
 
 def padded(space: StateSpace, uncertain: Array, size: int) -> Array:
-    """Moves of the model's parameters as moves of p; what walks is left out."""
+    """Moves of the model's parameters as moves of p; zero for tracked ones."""
     result = np.zeros((len(uncertain), size))
     result[:, : uncertain.shape[1]] = uncertain
     result[:, [space.place(item.name) for item in space.tracked]] = 0.0
@@ -275,17 +275,17 @@ def padded(space: StateSpace, uncertain: Array, size: int) -> Array:
 
 
 PER_ROOT_SECOND = 0.1
-"""A state walks by this share of its scale in the root of a second, and what is tracked by this share of its sd."""
+"""Default random walk in one root second: of a state relative to its scale, of a tracked parameter to its sd."""
 FORCE_WALK = 1.0
-"""The same for what takes the place of an input or a quantity of the equations: it may change within a second."""
+"""The same for a parameter that replaces an input or a quantity of the equations: it may change within a second."""
 MEMORY = 5.0
-"""How long a disturbance lasts, s."""
+"""Default time constant of a disturbance, s."""
 COLOUR_MEMORY = 1.0
 LEAST_NOISE = 1e-3
-"""Noise of a reading that never moves."""
+"""Noise of a reading that never changes."""
 STEPPED, SURE = 0.2, 0.2
-"""A reading of which fewer than this share of rows differ goes in steps; share of the scatter between neighbouring rows
-that is noise at least."""
+"""Share of distinct values among rows below which a reading is quantised; smallest share of the scatter between
+neighbouring rows that is noise."""
 
 
 @dataclass(frozen=True)
@@ -295,7 +295,7 @@ class NoiseLevels:
     Attributes
     ----------
     values : (noises,) in their order.
-    open : names of those that nobody stated and readings tell.
+    open : names of those that are not stated and that readings inform.
     """
 
     values: Array
@@ -305,12 +305,13 @@ class NoiseLevels:
 def start_levels(
     space: StateSpace, scatter: Mapping[str, float], read: Sequence[str], stated: Mapping[str, float]
 ) -> NoiseLevels:
-    """Sizes to start from: as stated, else as readings scatter, else usual ones.
+    """Initial sizes: as stated, else from the scatter of readings, else usual ones.
 
     Parameters
     ----------
-    scatter : reading -> standard deviation of its noise, as far as a recording tells it (`scatter_of`).
-    read : readings that are taken.
+    space : the state space.
+    scatter : reading -> standard deviation of its noise in the recording (`scatter_of`).
+    read : readings that are used.
     stated : name of a noise -> its size.
 
     Raises
@@ -331,12 +332,12 @@ def start_levels(
 
 
 def origins(space: StateSpace, stated: Mapping[str, float], tuned: Sequence[str]) -> dict[str, str]:
-    """Noise -> where its size is from: stated, tuned or guessed."""
+    """Noise -> origin of its size: stated, tuned or guessed."""
     return {name: "stated" if name in stated else "tuned" if name in tuned else "guessed" for name in space.noises}
 
 
 def units(space: StateSpace) -> dict[str, str]:
-    """Noise -> SI unit of its size; of what walks that is per root second, and none where it walks in shares."""
+    """Noise -> SI unit of its size; for random walks it is per root second, and relative for logarithmic ones."""
     known = {item.name: "1" if item.logarithmic else item.unit for item in space.tracked}
     known = {state.name: state.unit for state in space.model.states} | known
     result = {}
@@ -347,16 +348,15 @@ def units(space: StateSpace) -> dict[str, str]:
 
 
 def scatter_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
-    """Standard deviations of readings' noise: how far each departs from the straight line between its neighbours."""
+    """Standard deviations of readings' noise, from the deviation of each from the line between its neighbours."""
     return {name: _scatter(recording[name]) for name in read}
 
 
 def resolution_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
-    """The least noise, standard deviation, that each reading can have as a recording holds it.
+    """Smallest plausible noise of each reading, standard deviation, from its resolution in a recording.
 
-    A reading is rounded to its step, which alone scatters by a step over the root of twelve; and noise that
-    neighbouring rows show (`scatter_of`) is there, unless the vehicle itself moves so fast: a fifth of it is taken to
-    be noise.
+    A quantised reading has an error of its step over the root of twelve; and the scatter between neighbouring rows
+    (`scatter_of`) is noise unless the vehicle itself moves so fast: at least a fifth of it counts as noise.
     """
     result = {}
     for name, scatter in scatter_of(recording, read).items():

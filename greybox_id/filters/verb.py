@@ -54,14 +54,14 @@ from .tuning import (
 )
 
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
-"""Estimated besides states and what is tracked, where a model has it."""
+"""Estimates reported in addition to states and tracked parameters, if a model has them."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 AT_A_TIME = 20_000
-"""Rows whose estimates are linearised at once, which bounds memory."""
+"""Rows whose estimates are linearised at once, to bound memory."""
 
 
 def joined(parts: Sequence[History], segments: Sequence[int]) -> list[History]:
-    """Innovations of parts as those of the runs, of so many segments, that they are parts of."""
+    """Join innovations of parts to those of runs with the given numbers of segments."""
     result, left = [], list(parts)
     for count in segments:
         mine = [left.pop(0)]
@@ -73,7 +73,7 @@ def joined(parts: Sequence[History], segments: Sequence[int]) -> list[History]:
 
 
 STATES = ("predicted", "predicted_P", "filtered", "filtered_P", "forward")
-"""Of a history, what is large, and let go once the estimates are made."""
+"""Large fields of a history, released once the estimates are made."""
 
 
 def track(
@@ -85,18 +85,18 @@ def track(
 
     Parameters
     ----------
-    model : equations of motion. Free parameters with a prior are uncertain: what estimates owe to them is in their
+    model : equations of motion. Free parameters with a prior are uncertain, which is included in the estimates'
         standard deviations.
     recording : in SI units. Glitches and short gaps of inputs are bridged and reported.
-    parameters : what walks at random: parameters, scaled combinations (C_alpha_f), effects, quantities (F_yf) or
-        inputs. Inputs that were not recorded walk without being named.
-    disturbances : what comes and goes about where it stands.
-    effects : those that may be tracked by name without being in the model.
+    parameters : names to track as random walks: parameters, scaled combinations (C_alpha_f), effects, quantities (F_yf)
+        or inputs. Inputs that were not recorded are tracked without being named.
+    disturbances : names to track as processes that return to their start.
+    effects : effects that may be tracked by name without being in the model.
     how : filter, readings, noise.
-    uncertain : (k, parameters) principal standard deviations of the model's parameters, such as a fit knows; None
-        takes each parameter's own prior.
+    uncertain : (k, parameters) principal standard deviations of the model's parameters, for example from a fit; None
+        takes each parameter's prior.
     say : called with one line of progress at a time.
-    more : fields of `How`, in place of it.
+    more : fields of `TrackOptions`, which override those of `how`.
 
     Returns
     -------
@@ -104,27 +104,27 @@ def track(
 
     Raises
     ------
-    BadInput : a name stands for nothing, the recording lacks an input or is too short, or the filter diverges.
+    BadInput : a name is unknown, the recording lacks an input or is too short, or the filter diverges.
     """
     how = replace(how or TrackOptions(), **more)
     recording.must_run()
-    with threadpool_limits(1):  # matrices are tiny
+    with threadpool_limits(1):  # matrices are small
         tracker = Tracker(model, recording, parameters, disturbances, effects or {}, how, uncertain)
         return tracker.track(recording, say)
 
 
 class Tracker:
-    """A filter made for a model and what a recording holds; it tracks this and others like it.
+    """A filter for a model and the signals of a recording; it tracks this recording and similar ones.
 
-    Parameters as of `track`.
+    Parameters as in `track`.
 
     Attributes
     ----------
-    space : the model as the filter sees it.
-    filtering : what filters it.
-    readings : those that are taken.
-    absent : inputs that are not recorded and walk therefore.
-    parameters, disturbances : what walks, as named, absent inputs among them.
+    space : the filter's state space.
+    filtering : the filter.
+    readings : outputs whose readings are used.
+    absent : inputs that are not recorded and therefore tracked.
+    parameters, disturbances : tracked names, as requested, with absent inputs.
     """
 
     def __init__(
@@ -155,7 +155,7 @@ class Tracker:
 
     @cached_property
     def tuning(self) -> Filtering:
-        """What noise is tuned by: an EKF, for a UKF too, since all differences of its likelihood run at once."""
+        """The filter for tuning: an EKF, even for a UKF, since all finite differences of its likelihood run at once."""
         return filtering(self.space, "ekf", self.how.points, self.how.gate, many=True)
 
     def track(self, recording: Recording, say: Say = lambda line: None) -> Track:
@@ -180,11 +180,11 @@ class Tracker:
         )
         np.sqrt(expected, out=expected)
         seen.clear()
-        del histories  # of hours, what follows is not to stand beside it
+        del histories  # for hours of data, release it before the next step
         widened = widening([judged[name] for name in self.readings])
         known, about = self._told(result)
         sds = result.variances
-        for sd in sds.values():  # in place: of hours, a second copy is large
+        for sd in sds.values():  # in place: for hours of data, a second copy is large
             np.sqrt(sd, out=sd)
             sd *= widened
         for j, move in enumerate(moves):
@@ -196,7 +196,7 @@ class Tracker:
         likelihood = -float(self.filtering.costs(runs, p[None])[0])
         rows = np.concatenate([np.asarray(run.run.rows) for run in runs])
         number: Array = np.repeat(np.arange(len(runs)), [len(run.run) for run in runs])
-        del runs  # of hours, the checks of the data are not to stand beside them
+        del runs  # for hours of data, release them before the data checks
         weighed = only_over_mass(space.model) if how.calibrate else []
         slow = standing(result.values.get("sideslip"), SLOWEST)
         sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
@@ -241,17 +241,17 @@ class Tracker:
 
     @property
     def stated_noise(self) -> dict[str, float]:
-        """Sizes of noises that are not to be tuned."""
+        """Sizes of noises that are not tuned."""
         return {n: size for n, size in self.how.known.items() if n in self.space.noises} | dict(self.how.noise)
 
     def stated_moves(self, size: int) -> Array:
-        """(k, size) what is stated of the model's uncertainty, as moves of p."""
+        """(k, size) stated uncertainty of the model's parameters, as moves of p."""
         return believed(self.space, size) if self._uncertain is None else padded(self.space, self._uncertain, size)
 
     def _tune(
         self, runs: Sequence[LaidRun], p: Array, levels: NoiseLevels, floors: Mapping[str, float], say: Say
     ) -> tuple[Array, Array]:
-        """Noise, and parameters if asked, tuned on the beginning; and what the parameters leave open."""
+        """Noise, and parameters if requested, tuned on the beginning; and the uncertainty of the parameters."""
         how, space = self.how, self.space
         stated = self.stated_moves(len(p))
         value = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
@@ -283,8 +283,8 @@ class Tracker:
     ) -> Iterator[tuple[LaidRun, Array, Array]]:
         """Runs, or parts of them, with estimates and their variances at their segments.
 
-        `seen` is given what the filter had not foreseen of its readings, one column each, `spent` the filter's
-        seconds; under a name, a filter that diverges is a sentence.
+        `seen` collects innovations, one column per reading, `spent` the filter's seconds; with a name, a diverging
+        filter raises `BadInput`.
         """
         began, columns = time.process_time(), [self.space.model.outputs.index(one) for one in self.readings]
         if self.how.smooth:
@@ -314,7 +314,7 @@ class Tracker:
         return _Estimates(dict(zip(names, values, strict=True)), dict(zip(names, variances, strict=True)))
 
     def _along(self, parts: Iterator[tuple[LaidRun, Array, Array]], p: Array) -> Iterator[tuple[slice, Array, Array]]:
-        """Some rows at a time, of all runs one after the other: estimates and their variances, (rows, names) each."""
+        """Blocks of rows of all runs in succession: estimates and their variances, (rows, names) each."""
         count, n, done = len(self.reported), self.space.size, 0
         seen = self.space.seen(self.reported)
         for run, x, P in parts:
@@ -339,7 +339,7 @@ class Tracker:
         return result
 
     def _told(self, result: _Estimates) -> tuple[dict[str, float], list[str]]:
-        """Of all that walks, the share of rows in which the recording tells it, and sentences on stiffness."""
+        """For each tracked parameter, the share of rows in which it is identifiable, and sentences on stiffness."""
         shares, sentences = {}, []
         for item in self.space.tracked:
             known = told_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
@@ -366,12 +366,12 @@ class _Estimates:
 
 
 def _stacked(parts: Sequence[Array]) -> Array:
-    """Rows of parts; of a single one without a copy."""
+    """Parts stacked by rows; a single part without a copy."""
     return np.vstack(parts) if len(parts) > 1 else parts[0]
 
 
 def _absent(model: MotionModel, recording: Recording) -> list[str]:
-    """Inputs that were not recorded and follow from the readings: forces. What else is missing is an error."""
+    """Inputs that were not recorded but follow from readings: forces. Other missing inputs are errors."""
     return [
         name
         for name in model.inputs

@@ -1,4 +1,4 @@
-"""How well a fit tells its parameters."""
+"""Uncertainty of a fit's parameters."""
 
 from .sandwich import Uncertainty, covariance, uncertainty
 

@@ -1,8 +1,7 @@
-"""What a fit's intervals count beyond the noise: the error of its form, of sizes that round, conflicts, half a row.
+"""Uncertainty of a fit beyond the noise: model-form error, sizes of rounding effects, conflicts, half a row of timing.
 
-A fit states all of it in its standard deviations and its covariance. What the noise alone leaves open follows again
-from the problem; the rest is the difference, whatever it is made of, so that profiles and draws count what the fit
-does.
+A fit's standard deviations and covariance include all of it. The part of the noise alone is computed again from the
+problem; the rest is the difference, whatever its causes, so that profiles and draws include the same as the fit.
 """
 
 from __future__ import annotations
@@ -16,13 +15,13 @@ from .sandwich import Uncertainty
 
 
 def wider(fit: Fit, name: str, noise: float) -> float:
-    """The standard deviation that a fit states of a single number over that of the noise alone; at least 1.
+    """Ratio of a parameter's standard deviation in the fit to that of the noise alone; at least 1.
 
     Parameters
     ----------
     fit : the fit.
-    name : of the parameter.
-    noise : its standard deviation where noise alone is counted.
+    name : name of a scalar parameter.
+    noise : its standard deviation from the noise alone.
     """
     stated = float(np.asarray(fit.sd.get(name, np.nan)))
     comparable = np.isfinite(stated) and np.isfinite(noise) and noise > 0.0
@@ -30,14 +29,14 @@ def wider(fit: Fit, name: str, noise: float) -> float:
 
 
 def beyond_noise(fit: Fit, problem: MotionProblem, known: Uncertainty) -> Array:
-    """(parameters, parameters) what a fit's covariance of its parameter vector has beyond the noise.
+    """(parameters, parameters) difference of a fit's covariance of its parameter vector and that of the noise alone.
 
-    Of a parameter with a value for each run, that of the runs' mean.
+    For a run-scoped parameter it is that of the mean over runs.
 
     Parameters
     ----------
     fit : the fit.
-    problem : the problem that it solved.
+    problem : its problem.
     known : uncertainty at its optimum.
     """
     size, index = fit.model.size, problem.parameters.index
@@ -47,7 +46,7 @@ def beyond_noise(fit: Fit, problem: MotionProblem, known: Uncertainty) -> Array:
     noise = mean @ np.where(np.isfinite(known.covariance), known.covariance, 0.0) @ mean.T
     sd = np.concatenate([np.broadcast_to(fit.sd.get(p.name, np.nan), p.shape).ravel() for p in fit.model.parameters])
     result = np.diag(np.maximum(np.nan_to_num(sd**2, posinf=0.0) - np.diag(noise), 0.0))
-    if fit.covariance is not None:  # a file has no covariances of arrays
+    if fit.covariance is not None:  # files omit covariances of arrays
         kept = np.flatnonzero(np.diag(fit.covariance) > 0.0)
         result[np.ix_(kept, kept)] = (fit.covariance - noise)[np.ix_(kept, kept)]
     return result

@@ -1,6 +1,6 @@
-"""How large functions are that may explain residuals beside parameters: empirical Bayes on normal equations.
+"""Sizes of functions that may explain residuals in addition to the parameters: empirical Bayes on normal equations.
 
-All is of second order about an optimum: curvature and gradient by parameters and by the functions' sizes.
+The objective is expanded to second order at an optimum, in parameters and in the functions' coefficients.
 """
 
 from __future__ import annotations
@@ -14,35 +14,35 @@ from scipy.linalg import lapack
 from ...base.shorthands import Array, Index
 
 SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0)
-"""Shares that are compared: of an output's spread, that one function of the drive adds to its error."""
+"""Candidates for the prior standard deviation of one function's contribution to the error, in output spreads."""
 SWEEPS = 3
 RIDGE = 1e-9
-"""Of a column's own power: on some drives one function is a sum of others."""
+"""Ridge relative to a column's own curvature: on some drives one function is a sum of others."""
 
 
 @dataclass
 class Squares:
-    """Squares of one output's residuals: curvature and gradient by all that may explain them, and their sum."""
+    """Normal equations of one output's residuals, by all candidate explanations, and the residuals' sum of squares."""
 
     H: Array
     g: Array
     total: float
 
     def add(self, wide: Array, residuals: Array) -> None:
-        """Take in rows."""
+        """Add rows."""
         self.H += wide.T @ wide
         self.g += wide.T @ residuals
         self.total += float(residuals @ residuals)
 
     def less(self, sizes: Array) -> float:
-        """Part of the sum that is gone where all that explains it has these sizes."""
+        """Share of the sum of squares that explanations of these sizes remove."""
         gone = -float(sizes @ (2.0 * self.g + self.H @ sizes))
         return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
 
 
 @dataclass
 class Starts:
-    """What an interval's free starts explain: their curvature, how they go with all else, and their gradient."""
+    """Normal equations of an interval's free starts: their curvature, coupling to all other unknowns, and gradient."""
 
     by_loose: Array
     coupled: Array
@@ -50,35 +50,35 @@ class Starts:
 
     @classmethod
     def of(cls, few: int, many: int) -> Starts:
-        """Of so many starts beside so many others."""
+        """Zero for `few` starts and `many` other unknowns."""
         return cls(np.zeros((few, few)), np.zeros((few, many)), np.zeros(few))
 
     def add(self, J: Array, wide: Array, residuals: Array) -> None:
-        """Take in rows."""
+        """Add rows."""
         self.by_loose += J.T @ J
         self.coupled += J.T @ wide
         self.toward += J.T @ residuals
 
     def take(self, H: Array, g: Array) -> None:
-        """Eliminate the starts from all else."""
+        """Eliminate the starts from the other unknowns' normal equations, in place (Schur complement)."""
         if len(self.toward):
             size = np.diag(self.by_loose)
-            unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some starts show nowhere
+            unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some have no influence
             inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
             H -= self.coupled.T @ inverse @ self.coupled
             g -= self.coupled.T @ (inverse @ self.toward)
 
 
 class Joint:
-    """Parameters beside functions of the drive.
+    """Joint estimation of parameters and coefficients of functions of the drive.
 
     Parameters
     ----------
-    H, g : curvature and gradient by both, parameters first, at the parameters' optimum and no function.
-    count : how many parameters.
+    H, g : curvature and gradient by both, parameters first, at the parameters' optimum with zero coefficients.
+    count : number of parameters.
 
-    Within, all is in units in which its curvature is one: a parameter of which next to nothing moves everything, as a
-    lag much shorter than a row may be, would leave the others below rounding.
+    Internally all unknowns are scaled to unit curvature: a very sensitive parameter, such as a lag much shorter than a
+    row, would otherwise push the others below rounding.
     """
 
     def __init__(self, H: Array, g: Array, count: int) -> None:
@@ -90,32 +90,32 @@ class Joint:
         self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
         self.g = g[:count]
         self.S = S - self.C.T @ self.inverse @ self.C
-        size, along = la.eigh(0.5 * (self.S + self.S.T))  # what cancels must not leave curvature below zero
+        size, along = la.eigh(0.5 * (self.S + self.S.T))  # cancellation must not leave negative curvature
         self.S = (along * np.maximum(size, 0.0)) @ along.T
         self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
 
     def evidence(self, variances: Array) -> float:
-        """Log of how much likelier the residuals are with functions of such variances than with none."""
+        """Log marginal likelihood ratio of the residuals with coefficients of these prior variances, over none."""
         used = variances > 0.0
         if not np.any(used):
             return 0.0
         root = np.sqrt(variances[used]) / self.scale[self.count :][used]
         inner = np.eye(len(root)) + root[:, None] * self.S[np.ix_(used, used)] * root[None, :]
         scaled = root * self.pull[used]
-        # LAPACK itself: of so few functions, nearly half the time went into what scipy does around it
+        # LAPACK directly: with so few functions, scipy's checks took nearly half the time
         factor, sizes, failed = lapack.dposv(inner + 1e-12 * np.eye(len(root)), scaled, lower=True)
-        if failed:  # so large a variance that rounding hides the rest: not to be chosen
+        if failed:  # so large a variance that rounding hides the rest: reject it
             return -np.inf
         return 0.5 * float(scaled @ sizes) - float(np.sum(np.log(np.diag(factor))))
 
     def beside(self, variances: Array) -> tuple[Array, Array, Array]:
-        """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
+        """Additional covariance of the parameters, shift of their optimum, and the coefficients' estimates."""
         of_p, of_functions = self.scale[: self.count], self.scale[self.count :]
         root = np.sqrt(variances) / of_functions
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
         size, along = la.eigh(
             0.5 * (inner + inner.T)
-        )  # at least one: what is added to the unit matrix has none below zero
+        )  # eigenvalues are at least one: a positive semidefinite matrix is added to the unit matrix
         of_sizes = root[:, None] * ((along / np.maximum(size, 1.0)) @ along.T) * root[None, :]
         sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
         wider = follow @ of_sizes @ follow.T * np.outer(of_p, of_p)
@@ -123,11 +123,13 @@ class Joint:
 
 
 def likeliest(joint: Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:
-    """The share of each group under which all residuals are likeliest; what each gains beside none, in log.
+    """The most likely prior size of each group of functions, and the log evidence that each group gains over none.
 
     Parameters
     ----------
-    owner, unit : (functions,) the group of each function, and what a share of one is in its size.
+    joint : the joint normal equations.
+    owner, unit : (functions,) group of each function, and coefficient that corresponds to a share of one.
+    count : number of groups.
     """
     shares = np.zeros(count)
     best = 0.0

@@ -1,14 +1,14 @@
-"""What the form of a model leaves open: how residuals depend on the drive, and what that costs its parameters.
+"""Model-form error: how residuals depend on the drive, and the uncertainty of parameters that follows.
 
-A model of the right form leaves residuals that depend on nothing: not on speed, steering, the size, sign or rate of
-what is predicted, nor on time. Of a model that lacks something they do, and what they show is only the part of its
-error that no parameter could take up. How large the other part is, which moved the parameters, cannot be seen; but both
-are of one error, so that the one tells the size of the other. Here the error of every output is a sum of functions of
-the drive (`_functions`), each with a size of normal distribution about none, all of one spread: a share of the output's
-own. What drives the vehicle may err as well, and then all outputs at once: a sensor's offset, a ratio that varies, a
-command that comes late. So every input has such functions too (`_of_inputs`), which the model itself passes on. The
-share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to be
-explained. Parameters have a wider covariance beside such an error, and another optimum: intervals count both.
+A model of the right form leaves residuals that depend on nothing: not on speed, steering, the size, sign or rate of the
+predictions, nor on time. The residuals of an incomplete model do, and they show only the part of its error that no
+parameter could absorb. The size of the absorbed part, which biased the parameters, is invisible; but both parts belong
+to one error, so that one indicates the size of the other. Here the error of every output is a sum of functions of the
+drive (`_functions`) with normal coefficients of zero mean and one standard deviation, a share of the output's spread.
+Inputs may have errors as well, which affect all outputs at once: a sensor's offset, a ratio that varies, a late
+command. Every input therefore has such functions too (`_of_inputs`), which the model propagates. The share with the
+largest marginal likelihood is taken (empirical Bayes); it is zero if there is nothing to explain. With such an error,
+parameters have a larger covariance and another optimum: intervals include both.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001); Brynjarsdottir &
 O'Hagan, Learning about physical parameters: the importance of model discrepancy, Inverse Problems 30 (2014).
@@ -33,13 +33,13 @@ NOISE_ALONE = (
     "Noise alone: the interval if the equations of the model were exact. The other intervals include the error of the "
     "equations."
 )
-"""What stands below tables that have both."""
+"""Note below tables with both intervals."""
 QUARTERS = 4
-"""Of the rows, in order of time: what changes within a drive shows between them."""
+"""Parts of the rows in order of time, between which changes within a drive show."""
 MOST_ROWS = 50_000
-"""Rows that are looked at, evenly spread: what they depend on shows in fewer, and memory is bounded."""
+"""Largest number of rows used, evenly spread: dependences show in fewer, and memory is bounded."""
 STEP = 0.01
-"""Of an input's spread, by which it is moved to see what follows."""
+"""Perturbation of an input for finite differences, in standard deviations of the input."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class OutputForm:
     ----------
     residual : their root mean square, in the output's unit.
     spread : standard deviation of the readings.
-    noise : standard deviation of the readings' fast part, NaN where it cannot be told.
+    noise : standard deviation of the readings' white noise, NaN if unknown.
     share : size of one function of the drive in the error, over the spread.
-    explained : part of the residuals' mean square that is gone beside functions of the drive and errors of inputs.
-    on : what they depend on, in words, the strongest first, with the part that it explains.
-    gain : log of how much likelier the residuals are with such functions.
-    independent : number of independent residuals.
+    explained : share of the residuals' mean square explained by functions of the drive and errors of inputs.
+    on : variables that they depend on, in words, with the share each explains, the largest first.
+    gain : log evidence of such functions.
+    independent : effective number of independent residuals.
     """
 
     residual: float
@@ -70,18 +70,18 @@ class OutputForm:
 
 @dataclass(frozen=True)
 class FormError:
-    """What a form leaves open.
+    """Model-form error of a fit.
 
     Attributes
     ----------
     outputs : name -> its residuals.
-    covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
-    halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
-        functions of the drive; or in another later part, where that differs by more than chance.
-    halves_gain : log of how much likelier the residuals are with other parameters there.
-    first : blocks before that part, of `BLOCKS`.
-    apart : whether that part differs by more than chance, beside what blocks on the same side of it differ by.
-    mixed : whether the second half gains more than chance gives beside halves that mix early and late rows.
+    covariance : (unknowns, unknowns) contribution of the model-form error to the covariance of the unknowns.
+    halves : share of the residuals' mean square explained by other parameters in the second half of the rows, in
+        addition to functions of the drive; or in another later part, if that differs by more than chance.
+    halves_gain : log evidence of other parameters there.
+    first : number of blocks before that part, of `BLOCKS`.
+    apart : whether that part differs by more than blocks within either part differ, beyond chance.
+    mixed : whether the second half gains more than halves that mix early and late rows do, beyond chance.
     odd : blocks, counted from 0, that differ from all others by more than these among themselves.
     """
 
@@ -102,17 +102,17 @@ class FormError:
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns | None) -> FormError:
-    """Look at the residuals of a fit.
+    """Estimate the model-form error from the residuals of a fit.
 
     Parameters
     ----------
     problem : the problem.
     x : (unknowns,) an optimum of it.
-    nodes : the problem's simulation there; None, as of hours: it is made here, and not kept beside others.
+    nodes : the problem's simulation there; None, for hours of data, makes it here and releases other layouts.
     """
     here = problem.simulated_nodes(x) if nodes is None else nodes
     every = max(1, -(-len(here.y) // MOST_ROWS))
-    problem.forget_targets()  # of hours, they would stand beside the drives and the schedule of the moved inputs
+    problem.forget_targets()  # for hours of data, they would take memory beside drives and schedules of moved inputs
     drives, y = list(_drives(problem, here, every)), here.y[::every].copy()
     if nodes is None:
         del here
@@ -134,7 +134,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns | None) ->
     unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
     joint = Joint(H, g, count)
     shares, gains = likeliest(joint, owner, unit, halves + 1)
-    # which part changed is told; intervals are of halves: the best of five splits would widen those of any drive
+    # a change may begin anywhere; intervals use halves only: the best of five splits would widen those of any drive
     change = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
@@ -158,7 +158,7 @@ _Normal = tuple[Array, Array, list[Squares]]
 
 @dataclass(frozen=True)
 class _Change:
-    """See `FormError`."""
+    """A change of parameters between parts of the rows; attributes as in `FormError`."""
 
     halves_gain: float
     first: int = HALF
@@ -168,10 +168,10 @@ class _Change:
 
 
 def _changed(by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float) -> _Change:
-    """Which part of the rows has other parameters, what these gain, and whether that is more than chance.
+    """The part of the rows with other parameters, their log evidence, and whether it exceeds chance.
 
-    Of several parts the one counts that chance would give most seldom, as seldom as one of so many may be; not where a
-    single block explains more: then the vehicle was another there, or its error is, and not from there on.
+    Of several parts the least probable by chance is taken, with a correction for their number; not if a single block
+    explains more: then the vehicle, or its error, differed in that block, and not from there on.
     """
     if count == 0:
         return _Change(of_half)
@@ -190,18 +190,18 @@ def _changed(by_block: _Normal, count: int, shares: Array, owner: Index, unit: A
     if not of_half > CLEARLY:
         return _Change(of_half, odd=odd)
     mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
-    beyond = of_half > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
+    beyond = of_half > prediction_limit(np.sqrt(mixed)) ** 2  # square roots of such gains are nearly normal
     return _Change(of_half, apart=chances[HALF] < BY_CHANCE, mixed=beyond, odd=odd)
 
 
 def _of_part(
     by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array
 ) -> tuple[Array, Array]:
-    """Curvature of all where some blocks, not the first, have other parameters, and how far these are from the rest's.
+    """Curvature with other parameters in all blocks but the `first`, and the estimated deviation of these parameters.
 
     Parameters
     ----------
-    count, shares, owner, unit : as of `_gain`.
+    count, shares, owner, unit : as in `_gain`.
     """
     H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
     joint = Joint(H, g, count)
@@ -210,12 +210,12 @@ def _of_part(
 
 
 def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:
-    """What other parameters gain, in log, in all blocks but the first, beside functions of these shares.
+    """Log evidence of other parameters in all blocks but the `first`, in addition to functions of these shares.
 
     Parameters
     ----------
-    count : how many parameters.
-    shares, owner, unit : as of `likeliest`; the last group is that of the parameters.
+    count : number of parameters.
+    shares, owner, unit : as in `likeliest`; the last group is that of the parameters.
     """
     H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
     joint, tried = Joint(H, g, count), []
@@ -226,9 +226,9 @@ def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, ow
 
 
 def _of_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Normal:
-    """What `_normal_equations` gives for two parts of the rows, from those for each block.
+    """Normal equations for two parts of the rows, from those by block of `_normal_equations`.
 
-    Of two parts it is all one which has other parameters; here it is the one without the first block.
+    Either part may have the other parameters; here it is the one without block 0.
     """
     H, g, alone = by_block
     rest = len(g) - count * (BLOCKS - 1)
@@ -242,13 +242,13 @@ def _of_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Norma
 
 @dataclass(frozen=True)
 class _Passed:
-    """What follows where one input is another than recorded.
+    """Effects of errors of one input on the predictions.
 
     Attributes
     ----------
-    name : of the input.
-    words : how it is another, function by function.
-    effect : (N, outputs, functions) change of the predictions, for a change as large as the input's own spread.
+    name : name of the input.
+    words : kind of error of each function, in words.
+    effect : (N, outputs, functions) change of the predictions for an input error of one standard deviation.
     """
 
     name: str
@@ -262,14 +262,15 @@ class _Drive:
 
     Attributes
     ----------
-    name, place : of the output.
-    error, reading : (N,) in its unit, zero where nothing was read.
-    read : (N,) whether it was.
-    weight : (N,) of a residual.
-    columns : (N, functions) weighted, each as large as the output's spread; zero where it was not read.
-    words : what each function is of.
-    edges : where intervals begin and end.
-    alone : squared weighted residual times its correlation time, of what no function of the drive explains.
+    name, place : name and index of the output.
+    error, reading : (N,) in its unit, zero without a reading.
+    read : (N,) whether there is a reading.
+    weight : (N,) weight of a residual.
+    columns : (N, functions) weighted functions, scaled to the output's spread; zero without a reading.
+    words : variable of each function.
+    edges : rows at which intervals begin and end.
+    alone : mean squared weighted residual after regression on the functions, times its correlation time.
+    correlation : that correlation time, rows.
     """
 
     name: str
@@ -287,7 +288,7 @@ class _Drive:
     def seen(
         self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]], explained: float
     ) -> OutputForm:
-        """What its residuals say, if functions of the drive and errors of inputs have these sizes in them."""
+        """Summary of the residuals, given the estimated sizes of functions of the drive and of errors of inputs."""
         unit = 1.0 / self.weight[self.read]
         square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
         parts, words = [self.columns[self.read] * sizes * unit[:, None]], list(self.words)
@@ -309,7 +310,7 @@ class _Drive:
 
 
 def _foretold(problem: MotionProblem, x: Array) -> SimulatedRuns:
-    """The simulation in the lanes in which it is linearised: in others, readings would be laid out twice."""
+    """The simulation in the lanes of the linearisation: in others, readings would be laid out twice."""
     problem.normal_equations(x, problem.simulated_nodes(x))
     return problem.simulated_nodes(x)
 
@@ -323,7 +324,7 @@ def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterato
     predicted = np.where(np.isfinite(nodes.y), nodes.y, 0.0)
     table = {name: predicted[:, k] for k, name in enumerate(model.outputs)}
     table |= {name: inputs[:, k] for k, name in enumerate(model.inputs)}
-    # copies: a view of some rows would keep all of them
+    # copies: a view of some rows would keep all in memory
     rates = {name: _rate(values, time, edges)[::every].copy() for name, values in table.items()}
     table, edges = {name: values[::every].copy() for name, values in table.items()}, -(-edges // every)
     predicted, count = predicted[::every].copy(), len(errors)
@@ -350,7 +351,7 @@ def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterato
 def _functions(
     name: str, table: Mapping[str, Array], rates: Mapping[str, Array], quarter: Index, inputs: Sequence[str]
 ) -> Iterator[tuple[str, Array]]:
-    """What the error of an output may be proportional to: words and (N,) values."""
+    """Functions to which the error of an output may be proportional: words and (N,) values."""
     y, dy, v = table[name], rates[name], table.get("v_x")
     yield "none of the drive", np.ones(len(y))
     for power in (1, 3):
@@ -375,10 +376,10 @@ def _functions(
 
 
 def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_Passed]:
-    """What follows of each input's error: it is moved a little, and all is simulated again; `y` of every such row."""
+    """Effects of each input's errors, by simulations with slightly changed inputs; `y`: predictions of these rows."""
     runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
-    one = len(runs) == 1  # perhaps of hours: no second copy
+    one = len(runs) == 1  # no second copy of what may be hours of data
     time = runs[0].time if one else np.concatenate([run.time for run in runs])
     inputs = runs[0].inputs if one else np.vstack([run.inputs for run in runs])
     table = {name: inputs[:, k] for k, name in enumerate(problem.model.inputs)}
@@ -395,7 +396,7 @@ def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_
             moved[:, k] += STEP * spread / power * values
             other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
             change = (other.predicted_readings(x[None])[0, ::every] - y) / STEP
-            del other, moved, values  # of hours, what is laid out for each is large
+            del other, moved, values  # large for hours of data
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:
@@ -404,7 +405,7 @@ def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_
 
 
 def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
-    """How an input may be another than recorded: words and (n,) values."""
+    """Functions that the error of an input may be proportional to: words and (n,) values."""
     u, v = table[name], table.get("v_x")
     yield f"an offset of the {name} signal", np.ones(len(u))
     yield f"a wrong gain of the {name} signal", u
@@ -417,7 +418,7 @@ def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: f
 
 
 def _rate(values: Array, time: Array, edges: Array) -> Array:
-    """(N,) derivative by time, interval by interval; zero in intervals of one row."""
+    """(N,) time derivative, interval by interval; zero in intervals of one row."""
     result = np.zeros(len(values))
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         if b - a > 1:
@@ -426,9 +427,8 @@ def _rate(values: Array, time: Array, edges: Array) -> Array:
 
 
 def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
-    """Mean square that functions of the drive leave of residuals, times its correlation time; and that time, rows.
-
-    Of fewer than twice as many rows as functions nothing is explained.
+    """Mean square of the residuals after regression on functions of the drive, times its correlation time in rows; and
+    that time. With fewer than twice as many rows as functions, there is no regression.
     """
     left, count = residuals, len(residuals)
     if count > 2 * columns.shape[1]:
@@ -442,10 +442,11 @@ def _normal_equations(
     problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
     kept: Mask, every: int, part: Index,
 ) -> tuple[Array, Array, list[Squares]]:  # fmt: skip
-    """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
-    kept parameters of each of the `BLOCKS` parts of the rows but the first, `part` (N,); and each output's squares.
+    """Normal equations of the kept parameters, of the coefficients of functions of the drive and of errors of inputs,
+    and of deviations of kept parameters in each of the `BLOCKS` parts of the rows but the first, `part` (N,); and those
+    of each output.
 
-    Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
+    Residuals are weighted by their effective number. Initial states are eliminated, interval by interval.
     """
     place, count = np.cumsum(kept) - 1, int(np.sum(kept))
     firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
@@ -470,7 +471,7 @@ def _normal_equations(
         for one, first, squares in zip(drives, firsts[:-1], alone, strict=True):
             scale = 1.0 / np.sqrt(one.alone)
             r, by_p = residuals[:, one.place] * scale, J[:, one.place] * scale
-            elsewhere = (r == 0.0) & np.all(by_p == 0.0, axis=1)  # in another part, or not read
+            elsewhere = (r == 0.0) & np.all(by_p == 0.0, axis=1)  # in another part, or without a reading
             here = np.where(elsewhere, 0.0, scale)[:, None]
             wide = np.zeros((len(rows), len(g)))
             wide[:, at] = by_p[:, there]

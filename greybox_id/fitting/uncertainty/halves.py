@@ -1,7 +1,7 @@
-"""Parts of a recording: whether they differ by more than a model's error differs between manoeuvres.
+"""Differences between parts of a recording, compared with the differences between manoeuvres of one vehicle.
 
-What a model lacks differs between manoeuvres: blocks of one vehicle's drive prefer other parameters, by several times
-what noise alone would. So parts are compared with each other beside the scatter between blocks of the same part.
+Model-form error differs between manoeuvres: blocks of one vehicle's drive prefer other parameters, by several times the
+noise alone. Therefore the difference of two parts is compared with the scatter between blocks within each part.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from ...base.shorthands import Array
 from .evidence import RIDGE, SHARES
 
 BLOCKS, BY_CHANCE = 8, 0.01
-"""Parts of a recording, in order of time; and how seldom those of one vehicle's drive are told apart."""
+"""Parts of a recording, in order of time; significance level for differences between them."""
 HALF = BLOCKS // 2
 OTHERS = tuple(count for count in range(2, BLOCKS - 1) if count != HALF)
-"""Of how many blocks the first part may be, if not half of them: a vehicle need not have changed half way."""
+"""Numbers of blocks in the first part other than half: a vehicle need not have changed half way."""
 
 
 def mixed_halves() -> list[tuple[int, ...]]:
-    """Of halves that have as many of the first four blocks as of the last four, the one with the first block."""
+    """Halves with as many of the first four blocks as of the last four, represented by the half with block 0."""
     early, late = combinations(range(HALF), HALF // 2), combinations(range(HALF, BLOCKS), HALF // 2)
     return [first + second for first, second in product(early, late) if 0 in first]
 
 
 def prediction_limit(values: Array) -> float:
-    """What one more of such numbers, (n,) of a normal distribution, exceeds as seldom as `BY_CHANCE`."""
+    """Upper prediction limit for one more of such values, (n,) of a normal distribution, at level `BY_CHANCE`."""
     n = len(values)
     beyond = -stdtrit(n - 1, BY_CHANCE) * np.sqrt(1.0 + 1.0 / n) * np.std(values, ddof=1)
     return float(np.mean(values) + beyond)
@@ -40,12 +40,12 @@ def prediction_limit(values: Array) -> float:
 
 @dataclass(frozen=True)
 class Deviations:
-    """How parameters of later blocks may deviate from those of the first.
+    """Normal equations of deviations of later blocks' parameters from those of the first.
 
     Attributes
     ----------
-    curvature, gradient : by the parameters of each block but the first, in turn; all else is at its best.
-    unit : (parameters,) what a share of one is in a parameter's size.
+    curvature, gradient : by the parameters of each block but the first, in turn; all other unknowns eliminated.
+    unit : (parameters,) deviation that corresponds to a share of one.
     """
 
     curvature: Array
@@ -54,12 +54,14 @@ class Deviations:
 
     @classmethod
     def of(cls, H: Array, g: Array, variances: Array, unit: Array) -> Deviations:
-        """With all else eliminated.
+        """Eliminate all other unknowns.
 
         Parameters
         ----------
-        H, g : curvature and gradient by parameters, by sizes of functions of the drive, and by parameters of blocks.
-        variances : (functions,) of those sizes; none is used whose variance is zero.
+        H, g : curvature and gradient by parameters, by coefficients of functions of the drive, and by parameters of
+            blocks.
+        variances : (functions,) prior variances of those coefficients; functions with zero variance are dropped.
+        unit : as the attribute.
         """
         count, last = len(unit), len(unit) + len(variances)
         used = np.concatenate([np.ones(count, dtype=bool), variances > 0.0])
@@ -74,9 +76,10 @@ class Deviations:
         return cls(0.5 * (curvature + curvature.T), gradient, unit)
 
     def chance(self, first: Sequence[int]) -> float:
-        """How often parts of one vehicle's drive, these blocks and the others, differ by as much: an F test.
+        """Probability that parts of one vehicle's drive, these blocks and the others, differ by as much: an F test.
 
-        What the parts differ by is compared with what blocks of the same part do, each by its degrees of freedom.
+        The difference between the parts is compared with that between blocks within the parts, each by its degrees of
+        freedom.
         """
         between, *within = _contrasts(first)
         shares = [self._along(between, share) for share in SHARES[1:]]
@@ -89,10 +92,10 @@ class Deviations:
         return float(fdtrc(_degrees([parts]), _degrees(blocks), ratio))
 
     def _along(self, contrast: Array, share: float) -> _Along:
-        """Where each block's parameters deviate by an entry of a contrast, (BLOCKS,), of unit length."""
+        """Deviations of the blocks' parameters along a contrast, (BLOCKS,), of unit length."""
         weights, count = contrast[1:] - contrast[0], len(self.unit)
         by_block = self.curvature.reshape(len(weights), count, len(weights), count)
-        # a later half that deviates by one is a contrast of unit length times this root
+        # scaled so that a later half deviating by one is a contrast of unit length
         root = share * self.unit * np.sqrt(BLOCKS / 4.0)
         inner = root[:, None] * np.einsum("i,iajb,j->ab", weights, by_block, weights) * root
         size, along = la.eigh(0.5 * (inner + inner.T))
@@ -107,8 +110,8 @@ class _Along:
 
     Attributes
     ----------
-    gain : twice what they gain, in log likelihood and prior.
-    size : (parameters,) curvature over that of their prior.
+    gain : twice the increase of log likelihood and log prior.
+    size : (parameters,) curvature of the data over that of the prior.
     """
 
     gain: float
@@ -116,28 +119,28 @@ class _Along:
 
     @property
     def evidence(self) -> float:
-        """Log of how much likelier the residuals are."""
+        """Log marginal likelihood ratio of the deviations over none."""
         return 0.5 * self.gain - 0.5 * float(np.sum(np.log1p(self.size)))
 
     @cached_property
     def shares(self) -> Array:
-        """(parameters,) of each, how far data and not its prior determine it."""
+        """(parameters,) share of each parameter's information that comes from the data, not the prior."""
         return self.size / (1.0 + self.size)
 
     @property
     def freedom(self) -> float:
-        """Their number, each by its share: what the gain is where nothing deviates and noise is as counted."""
+        """Effective number of parameters: the expected gain if nothing deviates and the noise is as assumed."""
         return float(np.sum(self.shares))
 
 
 def _degrees(terms: Iterable[_Along]) -> float:
-    """Of a sum of gains, after Satterthwaite."""
+    """Degrees of freedom of a sum of gains, after Satterthwaite."""
     shares = np.concatenate([one.shares for one in terms])
     return float(np.sum(shares) ** 2 / np.sum(shares**2))
 
 
 def _contrasts(first: Sequence[int]) -> list[Array]:
-    """Orthonormal contrasts of blocks: between these and the others, then within either."""
+    """Orthonormal contrasts of blocks: between these and the others, then within each side."""
     sides = [[k for k in range(BLOCKS) if (k in first) == chosen] for chosen in (True, False)]
     raw = [np.zeros(BLOCKS)]
     for sign, side in zip((1.0, -1.0), sides, strict=True):

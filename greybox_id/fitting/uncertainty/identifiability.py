@@ -1,6 +1,6 @@
-"""What a recording does not tell: single parameters, pairs that stand for each other, and directions left open.
+"""Identifiability: weakly identifiable parameters, correlated pairs, and directions that a recording leaves open.
 
-A covariance is looked at in relative coordinates, in which a parameter moves by shares of its own size; there, an open
+A covariance is examined in relative coordinates, in which a parameter changes by shares of its size; there, an open
 direction reads as a sentence: mass and both cornering stiffnesses can grow by a third together, and hardly any residual
 changes.
 
@@ -22,25 +22,25 @@ from ...models.parameter import free_places
 from ..fit import Fit
 
 HALF = 0.5
-"""A relative standard deviation above this determines hardly more than a sign."""
+"""Relative standard deviation above which hardly more than the sign is determined."""
 NO_NEWS = 0.7
-"""A standard deviation above this share of the prior's says that the recording added little."""
+"""Standard deviation, as a share of the prior's, above which the recording added little."""
 TOGETHER = 0.95
-"""Two parameters correlated more than this are identifiable only in combination."""
+"""Correlation above which two parameters are identifiable only in combination."""
 NAMED, LEAST_NAMED = 4, 0.25
-"""So many parameters are named of an open direction, if they move at least this share of the one that moves most."""
+"""Largest number of parameters named of an open direction, and their least change relative to the largest one."""
 
 
 @dataclass(frozen=True)
 class CorrelatedPair:
-    """Two parameters that stand for each other."""
+    """Two highly correlated parameters."""
 
     first: str
     second: str
     correlation: float
 
     def about(self) -> str:
-        """What it means, in a plain sentence."""
+        """The pair in a plain sentence."""
         combined = "sum" if self.correlation < 0 else "difference"
         return (
             f"{self.first} and {self.second} are identifiable only in combination, as a weighted {combined} "
@@ -50,14 +50,14 @@ class CorrelatedPair:
 
 @dataclass(frozen=True)
 class Direction:
-    """Parameters that can move together and hardly any residual changes.
+    """Parameters that can change together with hardly any change of the residuals.
 
     Attributes
     ----------
-    names : of those that move most, the one that moves most first.
-    moves : what one standard deviation along the direction moves each of them by, as shares of their sizes.
-    changes : the same moves in each one's unit, as text, for those whose estimates are about zero: per cent of it would
-        say nothing. None for the others.
+    names : parameters that change most, in descending order.
+    moves : change of each by one standard deviation along the direction, as a share of its size.
+    changes : the same in each one's unit, as text, for parameters with estimates near zero, for which per cent would
+        mean nothing. None for the others.
     """
 
     names: tuple[str, ...]
@@ -65,7 +65,7 @@ class Direction:
     changes: tuple[str | None, ...]
 
     def about(self) -> str:
-        """What can move, in a plain sentence."""
+        """The direction in a plain sentence."""
         moves = [
             f"{name} by {f'{signed(100 * move, 2)} %' if change is None else change}"
             for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
@@ -78,14 +78,14 @@ class Direction:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What a recording leaves open.
+    """Parameters that a recording does not determine.
 
     Attributes
     ----------
     undetermined : names of weakly identifiable parameters, the worst first: their standard deviations are large, or
         hardly less than their priors'.
-    pairs : that stand for each other, the strongest correlation first.
-    directions : open ones, the widest first; orthogonal in relative coordinates.
+    pairs : highly correlated pairs, the strongest correlation first.
+    directions : open directions, the widest first; orthogonal in relative coordinates.
     """
 
     undetermined: tuple[str, ...]
@@ -100,16 +100,17 @@ def identifiability(
     prior_sd: Array | None = None,
     units: Sequence[str] | None = None,
 ) -> Identifiability:
-    """Look for what a recording leaves open.
+    """Find the parameters, pairs and directions that a recording leaves open.
 
     Parameters
     ----------
-    names : of the parameters.
+    names : names of the parameters.
     x : (parameters,) estimates.
-    covariance : (parameters, parameters) of the estimates; those held or at a bound have zero rows and are left out.
-    prior_sd : (parameters,) standard deviations believed before, infinite for none; a parameter that its prior lets
-        lie anywhere about zero (an offset) is measured against its prior alone.
-    units : of the parameters; None where they have none.
+    covariance : (parameters, parameters) of the estimates; fixed ones or those at a bound have zero rows and are
+        dropped.
+    prior_sd : (parameters,) prior standard deviations, infinite for none; a parameter whose prior includes zero (an
+        offset) is compared with its prior alone.
+    units : units of the parameters; None if they have none.
 
     A relative standard deviation is relative to the larger of the estimate and the prior's standard deviation.
     """
@@ -150,7 +151,7 @@ def _pairs(names: Sequence[str], correlation: Array) -> tuple[CorrelatedPair, ..
 def _directions(
     names: Sequence[str], relative: Array, size: Array, estimate: Array, units: Sequence[str]
 ) -> tuple[Direction, ...]:
-    """Eigenvectors of a covariance relative to sizes along which it is wide; estimates are absolute values."""
+    """Eigenvectors with large eigenvalues of a covariance in relative coordinates; `estimate`: absolute values."""
     variances, vectors = np.linalg.eigh(relative)
     result = []
     for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
@@ -169,7 +170,7 @@ def _directions(
 
 
 def left_open(fit: Fit) -> Identifiability | None:
-    """Parameters weakly identifiable, or only in combination; None where its covariance was not kept."""
+    """Parameters weakly identifiable, or only in combination; None if the fit's covariance was not kept."""
     if fit.covariance is None:
         return None
     free = free_places(fit.model.parameters)
@@ -181,7 +182,7 @@ def left_open(fit: Fit) -> Identifiability | None:
 
 
 def told_together(fit: Fit) -> list[str]:
-    """Parameters that the recordings tell only together, in sentences; single ones have notes of their own."""
+    """Sentences on parameters identifiable only in combination; single ones have notes of their own."""
     identifiability = left_open(fit)
     if identifiability is None:
         return []
@@ -190,7 +191,7 @@ def told_together(fit: Fit) -> list[str]:
 
 
 def absent(fit: Fit) -> dict[str, str]:
-    """Effects whose interval holds the value at which they change nothing, and what is to be said of them."""
+    """Effects whose interval contains their null, with a note."""
     result = {}
     for name in fit.model.effects:
         low, high = fit.interval(name)

@@ -1,11 +1,11 @@
-"""Profile likelihood: how far one unknown can move while all others do their best to make up for it.
+"""Profile likelihood: the rise of the objective along one unknown, with all others re-optimised.
 
-A covariance describes the optimum's immediate surroundings; far from linear models have intervals that lean to one side
-or have no end. The profile follows the optimum of all other unknowns while one is held at values further and further
-out, until the objective has risen by what the confidence allows. Correlated residuals widen it as they widen the
-covariance: the rise counts in units of the variance's inflation, and Student's t takes the place of chi-squared. For a
-linear model the interval is that of the covariance, exactly. So it is with what a fit counts beside the noise, the
-error of its form above all: the rise that ends the interval grows as the variance does.
+A covariance describes only the neighbourhood of the optimum; intervals of strongly nonlinear models are asymmetric or
+unbounded. The profile fixes one unknown at values further and further out and optimises all others, until the objective
+has risen by the amount that the confidence allows. Correlated residuals widen it as they widen the covariance: the rise
+is measured in units of the variance's inflation, and Student's t replaces chi-squared. For a linear model the interval
+is exactly that of the covariance. Model-form error and other uncertainty beyond the noise are included likewise: the
+allowed rise grows in proportion to the variance.
 
 Sources: Bates & Watts, Nonlinear regression analysis and its applications (1988), section 6.1, profile t; Raue et al.,
 Structural and practical identifiability analysis by exploiting the profile likelihood, Bioinformatics 25 (2009); the
@@ -33,17 +33,18 @@ from .sandwich import Uncertainty, uncertainty
 STRIDE = 0.4
 """Step aimed at, as a share of the interval's half width."""
 GROWTH = 2.5
-"""A step is at most so many times the one before."""
+"""Largest ratio of successive steps."""
 REACH = 100.0
-"""So many half widths away from the estimate, a profile that has not risen enough counts as flat."""
+"""Distance from the estimate, in half widths, at which a profile that has not risen enough counts as flat."""
 CLOSE, CLOSER = 0.02, 8
-"""How near the crossing, as a share of the half width, a profile is evaluated before it is interpolated; tries."""
+"""Distance from the crossing, as a share of the half width, within which a profile is interpolated; largest number of
+evaluations to get there."""
 SETTLED, REPEATS = 1e-3, 10
-"""Share of the allowed rise that an optimisation may still predict; how often a slow one is carried on."""
+"""Predicted decrease, as a share of the allowed rise, at which a point is optimised; largest number of restarts."""
 
 
 class End(Enum):
-    """How one side of a profile ends, in words."""
+    """End of one side of a profile, in words."""
 
     CROSSED = "ends where the fit becomes too bad"
     BOUND = "ends at the bound; the recording alone does not limit it there"
@@ -53,13 +54,13 @@ class End(Enum):
 
 @dataclass(frozen=True)
 class NoiseAlone:
-    """The interval of a profile that counts the noise and nothing else that the fit leaves open.
+    """The interval of a profile from the noise alone, without the fit's other uncertainty.
 
     Attributes
     ----------
     allowed : rise at which it ends.
-    interval : lower and upper end; infinite or at the bound where the profile does not cross.
-    ends : how either side ends.
+    interval : lower and upper end; infinite or at the bound if the profile does not cross.
+    ends : kind of the lower and upper end.
     """
 
     allowed: float
@@ -73,16 +74,16 @@ class Profile:
 
     Attributes
     ----------
-    index : of the unknown.
-    values : (points,) rising.
+    index : index of the unknown.
+    values : (points,) ascending.
     rise : (points,) of the objective above the optimum, all other unknowns re-optimised.
     allowed : rise at which the interval ends.
-    interval : lower and upper end, with all that the fit's interval counts (the error of the model's form); infinite or
-        at the bound where the profile does not cross.
-    ends : how either side ends.
-    noise_alone : the interval without the error of the model's form; the same where the fit has none.
+    interval : lower and upper end, including the fit's uncertainty beyond the noise (model-form error); infinite or at
+        the bound if the profile does not cross.
+    ends : kind of the lower and upper end.
+    noise_alone : the interval without model-form error; the same if the fit has none.
     unknowns : (points, unknowns) all unknowns along the profile.
-    settled : whether every point was optimised to its end.
+    settled : whether every point was fully optimised.
 
     Examples
     --------
@@ -110,7 +111,7 @@ class Profile:
 
     @property
     def at_a_better_optimum(self) -> bool:
-        """Whether a point of the profile fits better than the supposed optimum did."""
+        """Whether a point of the profile has a lower objective than the supposed optimum."""
         return bool(np.min(self.rise) < -0.01 * self.noise_alone.allowed)
 
     def about(self, name: str, unit: str = "") -> str:
@@ -143,21 +144,21 @@ def profile(
     confidence: float = 0.95,
     wider: float = 1.0,
 ) -> Profile:
-    """Profile one unknown about an optimum.
+    """Profile one unknown around an optimum.
 
     Parameters
     ----------
     problem : the problem.
     x : (unknowns,) an optimum of it.
     nodes : the problem's simulation there.
-    index : of the unknown.
-    told : uncertainty at the optimum, if it is known already.
+    index : index of the unknown.
+    told : uncertainty at the optimum, if already known.
     confidence : of the interval.
-    wider : the standard deviation that the fit states over that of the noise alone, at least 1.
+    wider : ratio of the fit's standard deviation to that of the noise alone, at least 1.
 
     Raises
     ------
-    BadInput : the unknown is held.
+    BadInput : the unknown is fixed.
     """
     if not problem.free[index]:
         raise BadInput(f"The quantity with index {index} is fixed; only quantities that are fitted have a profile.")
@@ -188,7 +189,7 @@ def profile(
 
 
 class _Goal(NamedTuple):
-    """The rise at which an interval ends, and the width to one side that the covariance makes us expect."""
+    """The rise at which an interval ends, and its half width expected from the covariance."""
 
     allowed: float
     half: float
@@ -210,14 +211,14 @@ class _Limit(NamedTuple):
 
 
 class _Side(NamedTuple):
-    """One side of a profile: points outwards, the optimum first, and where each interval ends."""
+    """One side of a profile: points outwards, the optimum first, and the end of each interval."""
 
     points: list[_Point]
     limits: list[_Limit]
 
 
 class _Walk:
-    """Steps outwards from an optimum, (unknowns,) x, to one goal after the other, the nearest first."""
+    """Steps outwards from an optimum x, (unknowns,), to one goal after the other, the nearest first."""
 
     def __init__(self, problem: LeastSquares, x: Array, objective: float, index: int, goals: tuple[_Goal, ...]) -> None:
         self.held = copy.copy(problem)
@@ -232,7 +233,7 @@ class _Walk:
         step = STRIDE * min(half, max(abs(estimate), half / REACH))
         stopped: _Limit | None = None
         for goal in self.goals:
-            if stopped is None:  # what ends one interval ends the wider one
+            if stopped is None:  # a stop ends the wider interval, too
                 stopped, step = self._walked(goal, direction, points, step)
             limits.append(stopped or _Limit(self._crossing(points, goal), End.CROSSED))
         return _Side(points, limits)
@@ -240,7 +241,7 @@ class _Walk:
     def _walked(
         self, goal: _Goal, direction: Literal[-1, 1], points: list[_Point], step: float
     ) -> tuple[_Limit | None, float]:
-        """Points up to the first beyond a goal, and the next step; what stops them before, if anything does."""
+        """Add points up to the first beyond a goal; return the limit if the walk stops before, and the next step."""
         bound, shortened = float(self.held.bounds[(direction + 1) // 2][self.index]), 0
         while goal.root(points[-1]) < 1.0:
             value = float(points[-1].x[self.index])
@@ -261,7 +262,7 @@ class _Walk:
         return None, step
 
     def _crossing(self, points: list[_Point], goal: _Goal) -> float:
-        """Where the last stretch crosses, approached by secants in the root of the rise, which is nearly straight."""
+        """The crossing in the last stretch, by secants in the root of the rise, which is nearly linear."""
         for _ in range(CLOSER):
             inside, outside = points[-2:]
             if min(abs(goal.root(p) - 1.0) for p in (inside, outside)) < CLOSE:
@@ -281,7 +282,7 @@ class _Walk:
         return float(inside.x[self.index] + share * (outside.x[self.index] - inside.x[self.index]))
 
     def _at(self, value: float, points: list[_Point], goal: _Goal) -> _Point | None:
-        """The others at their best while the unknown is held at a value; None where the model is not finite."""
+        """The other unknowns optimised with this one fixed at a value; None if the model is not finite."""
         last = points[-1].x
         starts = [last.copy()]
         if len(points) > 1:
@@ -301,5 +302,5 @@ class _Walk:
         return None
 
     def _settled(self, solution: Solution, goal: _Goal) -> bool:
-        """Whether further steps would not matter to the interval."""
+        """Whether further steps would not change the interval noticeably."""
         return solution.status is Status.CONVERGED or solution.decrement * solution.objective < SETTLED * goal.allowed

@@ -1,23 +1,22 @@
-"""How well a fit tells its unknowns: covariance corrected for what the residuals leave correlated.
+"""Uncertainty of a fit's unknowns: a sandwich covariance, corrected for correlated residuals.
 
 Neighbouring residuals are not independent: a car's unmodelled lag or bump lasts. The plain Gauss-Newton covariance
-takes them as independent and is several times too small then. Here the scores (gradients of single residuals) are
-summed over blocks many times longer than the correlation, and their scatter sets the covariance (a sandwich estimate).
-Few blocks scatter less about a fit than about the truth, and their scatter is itself a guess: each block's sum is
-corrected for its own pull on the fit (CR2), and intervals are those of Student's t with the degrees of freedom that
-the blocks leave for each unknown.
+assumes independence and is then several times too small. Here the scores (gradients of single residuals) are summed
+over blocks many times longer than the correlation, and the scatter of these sums sets the covariance. With few blocks,
+the scatter around the fit is smaller than around the truth, and uncertain itself: each block's sum is corrected for its
+leverage on the fit (CR2), and intervals are those of Student's t with the degrees of freedom that the blocks leave for
+each unknown.
 
 Sources: Bell & McCaffrey, Bias reduction in standard errors for linear regression with multi-stage samples, Survey
 Methodology 28 (2002); Imbens & Kolesar, Robust standard errors in small samples, Review of Economics and Statistics 98
 (2016); in the space of the unknowns: Niccodemi et al., Refining clustered standard errors with few clusters, University
 of Groningen (2020).
 
-Residuals of a fit in blocks longer than they stay correlated, and what each block says about the unknowns.
-
-How long that is, the residuals say themselves. Unknowns that only a short piece of the recording tells, like the
-starts of short predictions, are nobody's interest but many: they are eliminated piece by piece, which changes nothing
-about the others (Frisch, Waugh & Lovell), nor about their corrections where a piece lies within one block (Pustejovsky
-& Tipton, Small-sample methods for cluster-robust variance estimation, J. Business & Economic Statistics 36 (2018)).
+The length of blocks follows from the residuals' correlation time. Unknowns that only a short piece of the recording
+informs, such as initial states of short predictions, are many nuisance parameters: they are eliminated piece by piece,
+which changes nothing about the others (Frisch, Waugh & Lovell), nor about their corrections if a piece lies within one
+block (Pustejovsky & Tipton, Small-sample methods for cluster-robust variance estimation, J. Business & Economic
+Statistics 36 (2018)).
 """
 
 from __future__ import annotations
@@ -38,32 +37,32 @@ from ...engine.least_squares import LeastSquares, Matched
 from ...engine.motion.shooting import MotionProblem
 
 LONGER = 10
-"""A block is this many correlation times long: its sum misses a twentieth of the variance then."""
+"""Length of a block in correlation times: its sum misses a twentieth of the variance then."""
 FEWEST, MOST = 8, 40
-"""Blocks: with fewer their scatter is no estimate, with more the intervals hardly narrow."""
+"""Number of blocks: with fewer the scatter is no estimate, with more the intervals hardly narrow."""
 LOCAL = 1 / 16
-"""An unknown that a single piece with less than this share of all rows tells is local."""
+"""An unknown informed by a single piece with less than this share of all rows is local."""
 AT_HAND = 4_000_000
-"""Derivatives are kept for the second time that they are asked for up to so many numbers, 32 MB; else made anew."""
+"""Largest number of derivatives kept for the second pass, 32 MB; more are computed again."""
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """What blocks of rows say about the kept unknowns, the local ones eliminated.
+    """Scores and curvature of blocks of rows by the kept unknowns, the local ones eliminated.
 
     Attributes
     ----------
-    kept : (unknowns,) those that are not local.
-    H : (blocks, kept, kept) J'J of each.
-    scores : (blocks, kept) J'r of each.
+    kept : (unknowns,) mask of those that are not local.
+    H : (blocks, kept, kept) J'J of each block.
+    scores : (blocks, kept) J'r of each block.
     prior : (kept, kept) R'R.
-    pull : (local, kept) how much a local unknown gives way when a kept one moves.
-    local, local_independent : (local, local) covariance of local unknowns while kept ones stay; and what it were if
-        residuals were independent, of standard deviation one.
-    local_dof : (local,) of freedom.
-    rows : per block.
+    pull : (local, kept) negative change of the optimal local unknowns per change of a kept one.
+    local, local_independent : (local, local) covariance of local unknowns with kept ones fixed; and the same for
+        independent residuals of standard deviation one.
+    local_dof : (local,) their degrees of freedom.
+    rows : rows per block.
     correlation : integrated autocorrelation time of the residuals, rows.
-    variance : of one residual, mirror images counted as one with their runs.
+    variance : variance of one residual, mirror images counted together with their runs.
     """
 
     kept: Mask
@@ -80,12 +79,12 @@ class Blocks:
 
     @property
     def missed(self) -> float:
-        """Share of variance that sums over blocks miss, because neighbours share it, if correlation fades evenly."""
+        """Share of variance that sums over blocks miss at their edges, if the correlation decays exponentially."""
         return min(0.5, (self.correlation - 1.0 / self.correlation) / (2.0 * self.rows))
 
     @property
     def lone_variance(self) -> float:
-        """Variance that a residual counts as in a sum, where scatter between blocks cannot say it."""
+        """Effective variance of a residual in a sum, where scatter between blocks gives no estimate."""
         return self.variance * self.correlation
 
     def over_all(self, of_kept: Array, of_local: Array) -> Array:
@@ -100,21 +99,21 @@ class Blocks:
 
 
 def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Blocks:
-    """Sum over blocks, of equal length and over all rows end to end.
+    """Sum scores and curvature over blocks of equal length, which divide all rows end to end.
 
-    A block is ten correlation times long, but at least a fortieth and at most an eighth of all rows; the least is less
-    if an unknown is told by a few runs only, which then have eight blocks too.
+    A block is ten correlation times long, but at least a fortieth and at most an eighth of all rows; the lower limit is
+    smaller if only a few runs inform an unknown, so that these have eight blocks, too.
 
     Parameters
     ----------
-    problem : the problem. It is linearised twice: how long blocks are to be is known only after the first time.
+    problem : the problem. It is linearised twice: the length of blocks is known only after the first pass.
     x : (unknowns,) an optimum of it.
     nodes : the problem's simulation there.
-    keep : (unknowns,) what is not to be taken as local.
+    keep : (unknowns,) mask of unknowns that must not be local.
     """
     plan = _plan(problem, x, nodes, keep)
     local, kept, P = plan.local, ~plan.local, sp.csr_matrix(problem.R.T @ problem.R)
-    place = np.where(local, np.cumsum(local), np.cumsum(kept)) - 1  # among the local ones, among the kept ones
+    place = np.where(local, np.cumsum(local), np.cumsum(kept)) - 1  # index among the local, or the kept unknowns
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
     H, scores = np.zeros((count, size, size)), np.zeros((count, size))
     pull, alone, independent, dof = np.zeros((few, size)), np.zeros((few, few)), np.zeros((few, few)), np.ones(few)
@@ -142,7 +141,7 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
             else:
                 H[g][np.ix_(among, among)] += flat.T @ flat
             scores[g, among] += flat.T @ residuals[rows].ravel()
-    whole = np.zeros((len(kept), size))  # what all unknowns do when a kept one moves
+    whole = np.zeros((len(kept), size))  # change of all unknowns with a kept one
     whole[kept], whole[local] = np.eye(size), -pull
     return Blocks(
         kept, H, scores, whole.T @ (P @ whole), pull, alone, independent, dof,
@@ -156,9 +155,9 @@ _Part = tuple[int, int, Array, Array]
 
 @dataclass(frozen=True)
 class _Plan:
-    """What is local, and where blocks are cut: (blocks + 1,) edges and (pieces + 1,) beginnings of pieces, in rows.
+    """The local unknowns, and where blocks are cut: (blocks + 1,) edges and (pieces + 1,) starts of pieces, in rows.
 
-    `parts` : what was linearised; none where it would fill the memory.
+    `parts` : the linearised parts; empty if they would fill the memory.
     """
 
     local: Mask
@@ -212,7 +211,7 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
 
 
 def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[_Part]:
-    """Piece, row in it, residuals and derivatives; long pieces part by part where a problem offers that."""
+    """Index of the piece, first row in it, residuals and derivatives; long pieces in parts, if the problem can."""
     if isinstance(problem, MotionProblem):
         yield from problem.parts(x, nodes)
     else:
@@ -220,32 +219,32 @@ def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[_Part]:
 
 
 MANY = 200
-"""More unknowns than this are a network's weights."""
+"""Number of unknowns above which they are a network's weights."""
 PULL = 0.99
-"""Of a direction that one block tells up to this share, its own scatter about the fit says nothing any more."""
+"""Leverage of a block on a direction up to which its scatter is corrected; beyond, it is no estimate."""
 RIDGE = 1e-12
-"""Prior in units of each unknown's own curvature: where unknowns stand for each other exactly, it alone speaks."""
+"""Prior precision relative to each unknown's own curvature: it decides only in exactly degenerate directions."""
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """What a fit leaves open about its unknowns.
+    """Uncertainty of a fit's unknowns.
 
     Attributes
     ----------
-    covariance : (unknowns, unknowns), with what is held left there: its rows are zero. What is at its bound may be off
-        it, and the others with it. What neither the data nor a prior tells has infinite variance.
-    independent : (unknowns, unknowns) what it were if residuals were independent, of standard deviation one, and what
-        is at its bound were held there.
-    released, released_independent : both as if bounds held nothing.
-    dof : (unknowns,) of freedom, Student's t; infinite where only a prior speaks, near 1 where a single stretch
-        of the recording tells the unknown.
-    inflation : (unknowns,) variance over what it were if residuals were independent, of standard deviation one.
-    centre : (unknowns,) the estimate; of one at its bound, where it would be without.
-    sd : (unknowns,) standard deviation about the centre; of one at its bound, as if it were free.
-    at_bound : (unknowns,) whether the estimate lies at its bound.
-    bounds : two of (unknowns,).
-    blocks : how many blocks the scores were summed over.
+    covariance : (unknowns, unknowns); rows of fixed unknowns are zero. Unknowns at bounds may be off them, and the
+        others with them. Unknowns without information from data or prior have infinite variance.
+    independent : (unknowns, unknowns) the same for independent residuals of standard deviation one, and with unknowns
+        at bounds fixed there.
+    released, released_independent : both without bounds.
+    dof : (unknowns,) degrees of freedom for Student's t; infinite if only a prior informs the unknown, near 1 if a
+        single stretch of the recording does.
+    inflation : (unknowns,) ratio of the variance to that for independent residuals of standard deviation one.
+    centre : (unknowns,) the estimate; for an unknown at its bound, the estimate without the bound.
+    sd : (unknowns,) standard deviation around the centre; for an unknown at its bound, as if it were free.
+    at_bound : (unknowns,) whether the estimate is at its bound.
+    bounds : lowest and highest values, (unknowns,) each.
+    blocks : number of blocks over which scores were summed.
     block_rows : rows per block.
     correlation_rows : integrated autocorrelation time of the residuals, rows.
     """
@@ -270,27 +269,27 @@ class Uncertainty:
         return np.where(finite, stdtrit(np.where(finite, self.dof, 1.0), upper), ndtri(upper))
 
     def interval(self, confidence: float = 0.95, wider: float = 1.0) -> Array:
-        """Lower and upper end of each unknown's interval, (unknowns, 2), cut at the bounds.
+        """Lower and upper end of each unknown's interval, (unknowns, 2), clipped to the bounds.
 
-        Of an unknown at its bound, the interval begins there and reaches as far as that of the optimum without bounds.
+        For an unknown at its bound, the interval begins there and extends as far as that of the optimum without bounds.
 
         Parameters
         ----------
         confidence : of the interval.
-        wider : a standard deviation that is stated over the one here.
+        wider : ratio of the stated standard deviation to the one here.
         """
         half, centre = self.quantile(confidence) * wider * self.sd, np.where(np.isfinite(self.sd), self.centre, 0.0)
         return np.clip(np.stack([centre - half, centre + half]), *self.bounds).T
 
 
 def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
-    """How well the unknowns are told about an optimum.
+    """Uncertainty of the unknowns around an optimum.
 
     With J the residuals' derivative and R the priors', both in standard deviations, H = J'J + R'R, the covariance is
     H^-1 (S + R'R) H^-1, S the sum over blocks of the outer product of corrected sums of scores J'r. A run and its
-    mirror image carry the same noise: their scores belong to one block. A recording shorter than eighty correlation
-    times of its residuals has to do with eight blocks: the degrees of freedom fall to seven and below, and the
-    intervals widen by a fifth and more.
+    mirror image have the same noise: their scores belong to one block. Recordings shorter than eighty correlation
+    times of their residuals have eight blocks only: the degrees of freedom fall to seven and below, and the intervals
+    widen by a fifth and more.
 
     Parameters
     ----------
@@ -334,12 +333,12 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
 
 
 def covariance(problem: LeastSquares, x: Array, nodes: Matched) -> Array:
-    """Covariance of the unknowns about an optimum, (unknowns, unknowns); see `uncertainty`."""
+    """Covariance of the unknowns around an optimum, (unknowns, unknowns); see `uncertainty`."""
     return uncertainty(problem, x, nodes).covariance
 
 
 class _Sandwich(NamedTuple):
-    """As in `Uncertainty`; covariances of the free unknowns alone, zero elsewhere."""
+    """Parts of `Uncertainty`; covariances of the free unknowns alone, zero elsewhere."""
 
     covariance: Array
     independent: Array
@@ -347,13 +346,13 @@ class _Sandwich(NamedTuple):
 
 
 def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
-    """CR2 and Satterthwaite's degrees of freedom among the free unknowns, in coordinates in which H is one.
+    """CR2 and Satterthwaite's degrees of freedom for the free unknowns, in coordinates in which H is the unit matrix.
 
-    There, block g tells the share A_g of every direction, and its scores scatter about the fit like A_g - A_g^2:
+    There, block g has the leverage A_g on every direction, and its scores scatter around the fit like A_g - A_g^2:
     (I - A_g)^-1/2 makes them scatter like A_g. The variance of an unknown is then a quadratic form in independent
-    residuals, with a matrix M between blocks, and has (tr M)^2 / tr M^2 degrees of freedom; what a prior adds to the
-    variance is known and has infinitely many (Welch). Of directions that one block tells (nearly) alone, the residuals'
-    own variance stands in, times their correlation time.
+    residuals, with a matrix M between blocks, and has (tr M)^2 / tr M^2 degrees of freedom; the prior's contribution to
+    the variance is known and has infinitely many (Welch). In directions informed by (nearly) one block alone, the
+    residuals' variance times their correlation time replaces the scatter.
     """
     result = _Sandwich(np.zeros_like(H), np.zeros_like(H), np.full(len(H), np.inf))
     size, among = int(np.sum(free)), np.ix_(free, free)
@@ -391,9 +390,9 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
 
 
 def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
-    """The same without the correction of single blocks (CR1): blocks tell too little of a network's many weights.
+    """`_sandwich` without the correction of single blocks (CR1), since their leverage on a network's weights is small.
 
-    As many degrees of freedom as blocks less one; the eigenvalues of every block would cost seconds.
+    The degrees of freedom are the blocks less one; the eigenvalues of every block would cost seconds.
     """
     among, count = np.ix_(free, free), len(blocks.H)
     scores = (blocks.scores @ np.eye(len(H))[:, free]) @ U.T
@@ -406,7 +405,7 @@ def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
 
 
 def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Blocks, Array]:
-    """The scores where the optimum were without bounds, one Gauss-Newton step away, and that step (unknowns,)."""
+    """The blocks with scores at the optimum without bounds, one Gauss-Newton step away, and that step (unknowns,)."""
     step = np.zeros(len(H))
     unit, C = _factor(H[np.ix_(free, free)])
     step[free] = -unit * la.cho_solve((C, True), unit * gradient[free])
@@ -414,17 +413,17 @@ def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Bl
 
 
 def _off_bounds(H: Array, mask: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
-    """What unknowns at bounds that may be off them add to the covariance of all.
+    """Contribution to the covariance of all unknowns from those at bounds, which may be off them.
 
-    How far one may be off is a normal distribution about the optimum without bounds, cut at both bounds. The others
-    follow: a tyre's stiffness and friction hang on a shape factor that stopped at its bound, and are as uncertain.
+    The distance of an unknown from its bound has a normal distribution around the optimum without bounds, truncated at
+    both bounds. The others follow: a tyre's stiffness and friction depend on a shape factor that stopped at its bound.
 
     Parameters
     ----------
     H : (unknowns, unknowns).
-    mask, stopped : (unknowns,) which move, and which of them are at their bound.
-    outward : (stopped,) how far beyond its bound the optimum without bounds has each.
-    room : (stopped,) from bound to bound.
+    mask, stopped : (unknowns,) free unknowns, and those of them at their bound.
+    outward : (stopped,) distance of the optimum without bounds beyond the bound.
+    room : (stopped,) distance between the bounds.
     covariance : (stopped, stopped) without bounds.
     """
     sd = np.sqrt(np.diag(covariance))
@@ -438,7 +437,7 @@ def _off_bounds(H: Array, mask: Mask, stopped: Mask, outward: Array, room: Array
 
 
 def _reach_inward(beyond: float, room: float) -> float:
-    """Root mean square of a normal variable of mean -beyond and variance one, cut to between zero and room."""
+    """Root mean square of a normal variable of mean -beyond and variance one, truncated to between zero and room."""
     far = min(room, 10.0 - min(beyond, 0.0) if beyond < 5.0 else 50.0 / beyond)
     inward = np.linspace(0.0, far, 1001)
     weight = np.exp(-0.5 * inward**2 - beyond * inward)
@@ -446,7 +445,7 @@ def _reach_inward(beyond: float, room: float) -> float:
 
 
 def _factor(H: Array) -> tuple[Array, Array]:
-    """Units in which the diagonal of H is one, and the Cholesky factor of H in them."""
+    """Scales that give H a unit diagonal, and the Cholesky factor of the scaled H."""
     unit = 1.0 / np.sqrt(np.diag(H))
     inner = H * np.outer(unit, unit)
     inner[np.diag_indices_from(inner)] += RIDGE

@@ -1,12 +1,12 @@
-"""Stated values: estimates that scale with one, which the recording does not determine, and those that it contradicts.
+"""Stated values: estimates proportional to one that the recording does not determine, and those that it contradicts.
 
-Lateral motion is that of a vehicle twice as heavy with twice the inertia and the forces: it determines I_z / m. Where m
-is stated, I_z is as wrong as m is, and no interval that is taken from residuals shows it. In logarithms, a stated value
-and estimates move together there, and nothing that is predicted changes.
+The lateral motion of a vehicle with twice the mass, inertia and forces is the same: it determines I_z / m. If m is
+stated, I_z has the same relative error as m, and no interval from residuals shows it. In logarithms, a stated value and
+estimates then change together without any change of the predictions.
 
-Other stated values are determined beside the estimates: the first step towards the optimum with one more number free
-says how far the recording wants it changed; blocks of the rows left out in turn (jackknife) and the tolerances that it
-rests on say how surely.
+Other stated values are determined together with the estimates: the first step towards the optimum with one more free
+parameter is the change that the recording suggests; blocks of the rows left out in turn (jackknife) and the tolerances
+that it depends on give its standard deviation.
 """
 
 from __future__ import annotations
@@ -27,48 +27,48 @@ from ...models.parameter import Parameter, placed
 from ..fit import Fit
 
 STEP = 1e-3
-"""Relative, by which a number is moved to see what follows."""
+"""Relative change of a parameter for finite differences."""
 EXACTLY = 1e-6
-"""Share of what follows of a stated value that estimates may leave where they take it back: what `STEP` leaves of
-exact scaling, squared."""
+"""Share of a stated value's squared effect that estimates may leave when they compensate it: the error of exact scaling
+at `STEP`, squared."""
 ALIKE = 0.01
-"""How far the exponent of what is in proportion to a stated value may be from one."""
+"""Tolerance of the exponent for proportionality to a stated value, which is one."""
 MOST_ROWS, AHEAD = 6000, 1.0
-"""Rows that are looked at, and s that are predicted: what scales does so everywhere."""
+"""Largest number of rows, and horizon, s: scaling shows everywhere."""
 
 
 FACTS = {"m": ("m",), "wheelbase": ("l_f", "l_r"), "steering_ratio": ("steering_ratio",)}
-"""What is stated of a vehicle as a fact, and the parameters that hold it."""
+"""Facts stated about a vehicle, and the parameters that contain them."""
 BLOCKS = 16
 CONTRADICTED = 5.0
 """Standard deviations from which a fact is contradicted ..."""
 OFF = {"m": 0.05, "wheelbase": 0.1, "steering_ratio": 0.1}
-"""... and relative change: what models lacked moved true masses of virtual vehicles by up to 1.7 %, where they were as
-sure (m of a single track), and true wheelbases by up to 6.9 %."""
+"""... and relative change: model errors moved true masses of virtual vehicles by up to 1.7 % at such significance (m of
+a single track), and true wheelbases by up to 6.9 %."""
 
 
 def of_stated(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> dict[str, Any]:
-    """What recordings say of stated values.
+    """Which stated values estimates are proportional to, and which the recordings contradict.
 
-    Stated is what is fixed; a tolerance is in the intervals.
+    Stated values are fixed ones; those with tolerances are covered by the intervals.
 
     Parameters
     ----------
-    fit : of equations of motion.
+    fit : a fit of equations of motion.
     simulator : of its model.
-    recordings : that it was fitted to.
+    recordings : its training recordings.
 
     Returns
     -------
-    "scaling": parameter -> estimates and combinations in proportion to it, where no recording determines it;
-    "contradicted": fact -> relative change of it that the longest recording wants beside the tolerances, and its
-    standard deviation.
+    "scaling": parameter -> estimates and combinations proportional to it, if no recording determines it;
+    "contradicted": fact -> relative change that the longest recording suggests, given the tolerances, and its standard
+    deviation.
     """
     model, longest = fit.model, max(recordings, key=len)
     short = longest if len(longest) <= MOST_ROWS else longest.rows(0, MOST_ROWS)
     try:
         problem = MotionProblem(simulator, [short], noise=np.ones(len(model.outputs)), horizon=AHEAD, starts="measured")
-    except BadInput:  # the vehicle stands in all of these rows
+    except BadInput:  # the vehicle stands in all these rows
         return {"scaling": {}, "contradicted": {}}
     scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0 and np.isfinite(p.array)]
     free = [p for p in scalars if not p.fixed]
@@ -85,7 +85,7 @@ def of_stated(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -
 
 
 def _scaling(model: Model, stated: Mapping[str, Array], free: Mapping[str, Array]) -> dict[str, list[str]]:
-    """Stated parameter -> what is in proportion to it."""
+    """Stated parameter -> estimates and combinations proportional to it."""
     table = np.column_stack([*free.values()])
     result: dict[str, list[str]] = {}
     for name, moved in stated.items():
@@ -106,7 +106,7 @@ def _wanted(
     follows: Mapping[str, Array],
     facts: Mapping[str, Array],
 ) -> dict[str, tuple[float, float]]:
-    """Fact -> relative change of it at the optimum with it free, and its standard deviation."""
+    """Fact -> its relative change at the optimum with it free, and its standard deviation."""
     noise = np.array([fit.how["counted"][name] for name in fit.model.outputs])
     weight = problem.weight / noise
     error = (problem.target - problem.predicted_readings(problem.unknowns(fit.model.values)[None])[0]) * weight
@@ -127,10 +127,10 @@ def _wanted(
         whole, gradient = H.sum(axis=0) + pull, g.sum(axis=0) + towards
         taken_back = _solved(whole[:-1, :-1], whole[:-1, -1])
         if whole[-1, -1] - whole[-1, :-1] @ taken_back < EXACTLY * whole[-1, -1]:
-            continue  # nothing that is seen, nor a tolerance, tells it
+            continue  # neither readings nor tolerances determine it
         steps = [_solved(whole, gradient)[-1], *(_solved(whole - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
         by_rows = (BLOCKS - 1) * float(np.var(steps[1:]))
-        follows_of = _solved(whole, np.eye(len(whole))[-1])  # what a tolerance's mean moves the fact by
+        follows_of = _solved(whole, np.eye(len(whole))[-1])  # change of the fact with the mean of a tolerance
         result[fact] = (float(steps[0]), float(np.sqrt(by_rows + follows_of @ pull @ follows_of)))
     return result
 
@@ -142,7 +142,7 @@ def _solved(H: Array, g: Array) -> Array:
 
 
 def _follows(problem: MotionProblem, model: Model, name: str) -> Array:
-    """(readings,) change of what is predicted, for a relative change of a parameter."""
+    """(readings,) change of the predictions per relative change of a parameter."""
     both = []
     place = {item.name: place for item, place in placed(model.parameters)}[name]
     for factor in (1.0 + STEP, 1.0 / (1.0 + STEP)):
@@ -154,7 +154,7 @@ def _follows(problem: MotionProblem, model: Model, name: str) -> Array:
 
 
 def _of_combinations(model: Model, exponents: Mapping[str, float]) -> dict[str, float]:
-    """Exponents of combinations where parameters have these."""
+    """Exponents of combinations, given those of parameters."""
     at = {p.name: float(p.array) for p in model.parameters if p.shape == ()}
     up, down = (
         SimpleNamespace(**{**at, **{name: at[name] * (1.0 + STEP) ** (sign * e) for name, e in exponents.items()}})
