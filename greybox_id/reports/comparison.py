@@ -1,4 +1,4 @@
-"""Several fits side by side: what each is, how far each errs on the same recordings, and whether that differs."""
+"""Comparison of several fits: what each is, their errors on the same recordings, and whether the errors differ."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from .figures.sheet import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, labe
 from .report import seen
 
 DRAWS = 2000
-"""Of blocks, with replacement, for each interval."""
+"""Number of bootstrap draws of blocks, with replacement, per interval."""
 LEAST_SECONDS, TIMES = 1.0, 4.0
-"""A block lasts so long at least, and so many correlation times of the difference."""
+"""Shortest length of a block, s, and length in correlation times of the difference of squared errors."""
 LEAST_BLOCKS = 6
-"""Fewer blocks tell no interval."""
+"""Least number of blocks for an interval."""
 
 Judged = Mapping[str, tuple[tuple[Recording, tuple[str, ...], Prediction], ...]]
 """Protocol -> (recording, outputs, predictions) of each recording."""
@@ -35,14 +35,14 @@ Judged = Mapping[str, tuple[tuple[Recording, tuple[str, ...], Prediction], ...]]
 
 @dataclass(frozen=True)
 class Paired:
-    """Errors of two fits at the same rows.
+    """Errors of two fits on the same rows.
 
     Attributes
     ----------
     first, second : RMSE in the output's unit.
-    low, high : 95 % interval of second less first, from blocks drawn in pairs; NaN where there are too few.
+    low, high : 95 % interval of second minus first, from a bootstrap over paired blocks; NaN if there are too few.
     seconds : length of a block.
-    blocks : how many.
+    blocks : number of blocks.
     """
 
     first: float
@@ -54,17 +54,17 @@ class Paired:
 
     @property
     def told(self) -> bool:
-        """Whether the interval leaves out zero."""
+        """Whether the interval excludes zero."""
         return bool(np.isfinite(self.low) and (self.low > 0 or self.high < 0))
 
 
 def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paired:
-    """Errors of two models at the same rows, and an interval of what their RMSE differ by.
+    """Errors of two models on the same rows, and an interval of the difference of their RMSE.
 
     Parameters
     ----------
     first, second : (n,) errors.
-    run : (n,) number of the unbroken run of each.
+    run : (n,) number of each row's run.
     sample_time : s.
     """
     one, other = first**2, second**2
@@ -85,12 +85,12 @@ def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paire
 
 
 def _difference(sums: Array) -> float:
-    """By how much two RMSE differ, of sums of squares and their count."""
+    """Difference of two RMSE, from sums of squares and their count."""
     return float(np.diff(np.sqrt(sums[:2] / sums[2]))[0])
 
 
 def pairs_of(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:
-    """(output, protocol) -> errors of both, where both predict it."""
+    """(output, protocol) -> errors of both fits, for outputs and protocols that both predict."""
     result = {}
     for protocol in (name for name in first if name in second and name != "published"):
         outputs = dict.fromkeys(name for _, names, _ in first[protocol] for name in names)
@@ -113,7 +113,7 @@ def _together(
     one: tuple[Recording, tuple[str, ...], Prediction],
     other: tuple[Recording, tuple[str, ...], Prediction],
 ) -> tuple[Array, Array, Index]:
-    """Errors of both at the rows that both predict, and the rows' runs."""
+    """Errors of both on the rows that both predict, and the rows' runs."""
     errors = []
     for _, outputs, item in (one, other):
         k = outputs.index(output)
@@ -131,7 +131,7 @@ OWN_PREDICTIONS = "closed_loop"
 
 @dataclass(frozen=True)
 class NamedFit:
-    """A fit under the name it has in the comparison, with the recordings it saw."""
+    """A fit with its name in the comparison and the recordings it was fitted to or scored on."""
 
     name: str
     fit: Fit
@@ -139,11 +139,11 @@ class NamedFit:
 
 
 def comparison(fits: Sequence[NamedFit]) -> Document:
-    """The report of several fits.
+    """A report that compares several fits.
 
     Raises
     ------
-    BadInput : a recording of one is missing.
+    BadInput : if a recording of a fit is missing.
     """
     role = common_role(fits)
     parts: tuple[Part, ...]
@@ -175,7 +175,7 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
 
 
 def common_role(fits: Sequence[NamedFit]) -> str | None:
-    """The role of files that all fits share: validate, or train where none of them was validated; None for none."""
+    """The role of files that all fits share: validate, or train if none of them was validated; None if none."""
     validated = any(record.role == "validate" for fit in fits for record in fit.fit.data)
     role = "validate" if validated else "train"
     seen_by = [[d.sha256 or d.name for d in fit.fit.data if d.role == role] for fit in fits]
@@ -194,7 +194,7 @@ def _judged(named_fit: NamedFit, role: str) -> Judged:
 
 
 def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], judged: str) -> tuple[str, str]:
-    """Where a fit differs from the first in free run, or at the first protocol both have."""
+    """Differences of a fit from the first in free run, or in the first protocol that both have."""
     protocols = dict.fromkeys(protocol for _, protocol in pairs)
     if not protocols:
         return name, (
@@ -237,7 +237,7 @@ def _protocol(name: str) -> str:
 
 
 def _drawn(result: Mapping[str, Judged]) -> tuple[Drawing, ...]:
-    """A panel for each output that several fits predict: RMSE of every fit over the protocols."""
+    """A panel per output that several fits predict: RMSE of each fit over the protocols."""
     step = next(parts[0][0].sample_time for item in result.values() for parts in item.values())
     seconds = {p: _seconds(p, step) for item in result.values() for p in item if p != "published"}
     protocols = sorted(seconds, key=lambda protocol: seconds[protocol])
@@ -263,7 +263,7 @@ def _drawn(result: Mapping[str, Judged]) -> tuple[Drawing, ...]:
 
 
 def _seconds(protocol: str, step: float) -> float:
-    """How far a protocol predicts, s; infinite in free run."""
+    """Horizon of a protocol, s; infinite for free run."""
     return step if protocol == "honest" else np.inf if protocol == FREE_RUN else float(protocol.split(" ", 1)[0])
 
 

@@ -1,6 +1,6 @@
-"""What reports of fits of all models say: sentences and tables of words.
+"""Content that reports of fits of all models share.
 
-Drawings that reports of all models share: traces, residuals, spectra.
+Sentences and tables; drawings of traces, residuals and spectra.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .recordings import Noise, Seen, of_role, shown_first, typical_stretch
 ROLE_WORDS = {"train": "training", "validate": "validation"}
 HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
 MOST_FILES = 3
-"""Files of recordings that a title names."""
+"""Most files of recordings that are named in a title."""
 OBJECTIVE = (
     "The objective is half the sum of squares of residuals and of deviations from the priors, each divided by its "
     "standard deviation."
@@ -32,7 +32,7 @@ OBJECTIVE = (
 
 
 def heading(what: str, subject: str, data: Sequence[DataRecord]) -> str:
-    """The title of a report: what it is of which vehicle or model, and the files of the recordings."""
+    """Title of a report: its kind, the vehicle or model, and the files of the recordings."""
     files = [PurePath(one.path).name or one.name for one in data]
     more = len(files) - MOST_FILES
     named = [*files[:MOST_FILES], f"{more} more"] if more > 1 else files
@@ -40,13 +40,13 @@ def heading(what: str, subject: str, data: Sequence[DataRecord]) -> str:
 
 
 def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str = "") -> str:
-    """On which recordings a fit is judged, how long they are, and whether it has seen them.
+    """Which recordings a fit is scored on, their duration, and whether they were held out.
 
     Parameters
     ----------
-    fit, recordings : the fit and what it saw.
+    fit, recordings : the fit and its recordings.
     role : "train" or "validate".
-    chose : what the validation recording chose, if anything.
+    chose : what was selected on the validation recording, if anything.
     """
     data = of_role(recordings, role)
     seconds = sum(one.recording.duration for one in data)
@@ -60,7 +60,7 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
 
 
 def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
-    """How large the sensors' noise is, and where it was heard."""
+    """Standard deviation of the sensors' noise and where it was measured, in words."""
     if noise is None:
         return (
             "The recordings hold no stretch at rest or straight at constant speed that is long enough to measure the "
@@ -84,12 +84,12 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
 
 
 def recorded(fit: Fit) -> Table:
-    """The recordings that a fit saw."""
+    """A table of the recordings of a fit."""
     return recorded_in(fit.data, ROLE_WORDS)
 
 
 def recorded_in(data: Sequence[DataRecord], roles: Mapping[str, str]) -> Table:
-    """Recordings, what each was for, in words, and how large it is."""
+    """A table of recordings with role, in words, and size."""
     head = ("role", "recording", "sha256", "column map", "runs", "samples", "duration")
     rows = tuple(
         (
@@ -102,7 +102,7 @@ def recorded_in(data: Sequence[DataRecord], roles: Mapping[str, str]) -> Table:
 
 
 def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
-    """What a fit was made with and what reproduces it, as (what, value) pairs."""
+    """Provenance of a fit and the command that reproduces it, as (name, value) pairs."""
     return (
         ("version", f"greybox-id {fit.version}"),
         ("command", fit.command or "not recorded (fitted from Python)"),
@@ -113,14 +113,14 @@ def made_with(fit: Fit, *more: tuple[str, str]) -> tuple[tuple[str, str], ...]:
 
 
 def can_be_used(fit: Fit) -> tuple[tuple[str, str], ...]:
-    """The verdict on a fit with its reasons, behind its lead; nothing where nobody judged it."""
+    """The verdict on a fit with its reasons, as a pair with its lead; empty if the fit was not judged."""
     if fit.verdict is None:
         return ()
     return (("Verdict", " ".join([f"{capital(fit.verdict.usability)}.", *fit.verdict.reasons])),)
 
 
 def indistinguishable(sentences: Iterable[str]) -> tuple[Part, ...]:
-    """What no recording can tell apart."""
+    """Parameters that no recording can distinguish."""
     items = tuple(sentences)
     if not items:
         return ()
@@ -129,13 +129,13 @@ def indistinguishable(sentences: Iterable[str]) -> tuple[Part, ...]:
 
 
 def scalars(fit: Fit, parameters: Sequence[Parameter] | None = None, notes: dict[str, str] | None = None) -> Table:
-    """Estimates of single numbers.
+    """Table of the estimates of scalar parameters.
 
     Parameters
     ----------
     fit : the fit.
-    parameters : which of them; all by default.
-    notes : name -> what to know of it besides what the fit itself notes.
+    parameters : which parameters; all by default.
+    notes : name -> note in addition to those of the fit.
     """
     chosen = fit.model.parameters if parameters is None else parameters
     stated = fit.notes()
@@ -161,7 +161,7 @@ def _row(fit: Fit, parameter: Parameter, notes: list[str]) -> tuple[str, ...]:
 
 
 def _believed(parameter: Parameter) -> str:
-    """What was believed of a number before: mean and standard deviation."""
+    """Prior of a parameter: mean and standard deviation."""
     prior = parameter.prior
     if prior is None:
         return "none"
@@ -170,13 +170,13 @@ def _believed(parameter: Parameter) -> str:
 
 
 MOST_STARTS, LEAST_OFF = 12, 0.01
-"""Starts that have a row; standard deviations from which on an end is off."""
+"""Most starts with a row; least distance of an end from the estimate, in standard deviations, that is shown."""
 NOTHING = 1e-6
-"""Below this share, a difference of objectives counts as none."""
+"""Relative differences of objectives below this count as zero."""
 
 
 def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
-    """Every stage, called what `name` calls it, with how it ended."""
+    """A table of the stages, named by `name`, and how each ended."""
     head = ("stage", "how it ended", "steps", "CPU", "objective", "starts", "Ipopt")
     rows = tuple(
         (
@@ -191,7 +191,7 @@ def stages(fit: Fit, name: Callable[[Stage], str]) -> Table:
 
 
 def starts_table(fit: Fit, stage: Stage) -> Table:
-    """Every start: how it compares, and the number that ended furthest from the estimate."""
+    """A table of the starts: objective of each, and the parameter that ended furthest from the estimate."""
     spread = spread_of(fit, stage)
     if not spread:
         return Table((), ())
@@ -253,23 +253,23 @@ def _ipopt(stage: Stage) -> str:
 
 
 def written_down(equations: Sequence[Equation], words: str, *between: Part) -> tuple[Part, ...]:
-    """Equations behind what there is to say of them; of abbreviations that are left out, readers are told."""
+    """Equations below their description; it says how many abbreviations are left out."""
     shown, left_out = readable(equations)
     more = f" {left_out} further abbreviations are not shown." if left_out else ""
     return (Text(words + more), *between, Formulas(shown))
 
 
 TALL, LOW = 335.0, 250.0
-"""Height of the traces of the recording that is judged, and of the training data beside it, points."""
+"""Height of the traces of the recording that is scored, and of the training data, points."""
 
 
 def _where_from(one: Seen) -> str:
-    """A recording and what it was for."""
+    """Name and role of a recording, in words."""
     return f"{one.recording.name} ({'validation' if one.role == 'validate' else 'training'} data)"
 
 
 def stretch_words(one: Seen) -> tuple[str, str]:
-    """Where the typical stretch of a recording lies, and how long it is: "run 2 of lap7 (training data)", "15 s"."""
+    """Position and duration of the typical stretch of a recording: "run 2 of lap7 (training data)", "15 s"."""
     start, stop = typical_stretch(one)
     run = 1 + next(k for k, (a, b) in enumerate(one.recording.runs) if a <= start < b)
     seconds = (stop - start) * one.recording.sample_time
@@ -277,12 +277,12 @@ def stretch_words(one: Seen) -> tuple[str, str]:
 
 
 def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawing]:
-    """A typical stretch of what was held out, then one of what trained.
+    """Traces of a typical stretch of held-out data, then of one of training data.
 
     Parameters
     ----------
     recordings : with predictions.
-    more : said of the predictions in the caption.
+    more : what the caption says about the predictions in addition.
     """
     first = shown_first(recordings)
     trained = [one for one in of_role(recordings, "train") if one is not first]
@@ -302,7 +302,7 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
 
 
 def residual_drawing(recordings: Sequence[Seen], inputs: Sequence[str]) -> Drawing:
-    """Residual analysis."""
+    """Correlations of the residuals."""
     one = shown_first(recordings)
     return Drawing(
         "residuals",
@@ -317,7 +317,7 @@ def residual_drawing(recordings: Sequence[Seen], inputs: Sequence[str]) -> Drawi
 
 
 def spectrum_drawing(recordings: Sequence[Seen], heard: Noise | None) -> Drawing:
-    """Spectra of what was measured, of errors, and of noise where it is heard."""
+    """Power spectra of the measured signals, of the errors, and of the noise where it could be measured."""
     one = shown_first(recordings)
     method = (
         f"Power spectral densities over {_where_from(one)}: Welch's method within runs, Hamming windows overlapping by "

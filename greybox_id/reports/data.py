@@ -1,4 +1,4 @@
-"""What a report says of the data: what was made of the files, what is noteworthy in them, where they lie."""
+"""Sections of a report on the data: how the files were read, findings of the checks, and range of the samples."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from .figures.characteristics import excitation
 from .recordings import Seen, of_role
 
 MOST_FINDINGS = 6
-"""Findings told of each recording; the rest is counted."""
+"""Most findings that are listed per recording; the others are counted."""
 MOST_ROWS = 12_000
-"""Rows of a recording that are looked at; of longer ones, those up to the end of the run that holds this row."""
+"""Rows of a recording that are checked; of a longer one, those up to the end of the run that contains this row."""
 WITHIN = (0.005, 0.995)
-"""Quantiles between which a model counts as having been driven."""
+"""Quantiles that bound the range in which a model counts as trained."""
 
 
 def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
@@ -31,8 +31,8 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
 
     Parameters
     ----------
-    recordings : what a fit saw.
-    signals : what its model reads and predicts.
+    recordings : those of a fit.
+    signals : inputs and outputs of its model.
     """
     value = [one.recording for one in recordings]
     where = Drawing(
@@ -46,7 +46,7 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
 
 
 def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
-    """Where the model is valid: between which values it was trained, and how much of validation lies beyond."""
+    """Where the model is valid: range of each signal in training, and share of the validation samples outside it."""
     rows = []
     for name in signals:
         trained, judged = (_values(of_role(recordings, role), name) for role in ("train", "validate"))
@@ -72,7 +72,7 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
 
 
 def applied(recordings: Sequence[Recording], signals: Sequence[str]) -> Table:
-    """Which column became which signal, by which unit, factor and sign."""
+    """The signal of each column, with unit, scale, sign and offset."""
     rows: dict[tuple[str, ...], None] = {}
     for recording in recordings:
         for column in _columns(recording):
@@ -91,7 +91,7 @@ def _row(column: Column) -> tuple[str, ...]:
 
 
 def _columns(recording: Recording) -> tuple[Column, ...]:
-    """The column map a recording was read through; none where it is no longer there."""
+    """The column map that a recording was read with; empty if it no longer exists."""
     try:
         source = recording.source
         return column_map(carried_map(source.columns, source.column_map)).channels if source.columns else ()
@@ -100,7 +100,7 @@ def _columns(recording: Recording) -> tuple[Column, ...]:
 
 
 def _findings(recordings: Sequence[Recording]) -> list[Part]:
-    """What checks say, a list for each recording."""
+    """Findings of the data checks, a list per recording."""
     parts: list[Part] = []
     for recording in recordings:
         stop = next((end for _, end in recording.runs if end >= MOST_ROWS), len(recording))

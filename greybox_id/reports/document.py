@@ -1,4 +1,4 @@
-"""A report as a tree of parts: what it says and shows, not how it looks. Paper and screen are made of one tree."""
+"""A report as a tree of parts: its content, not its appearance. HTML and PDF are made from the same tree."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Table:
     Attributes
     ----------
     head : titles of the columns.
-    rows : as many words per row.
-    columns : a letter for each: l or r as it is aligned, capital where it takes the room that is left; all l unless
-        given.
+    rows : one word per column each.
+    columns : a letter per column: l or r for its alignment, a capital if the column takes the remaining width; all l
+        by default.
     """
 
     head: tuple[str, ...]
@@ -32,18 +32,18 @@ class Table:
 
     @property
     def dense(self) -> bool:
-        """Whether letters are smaller, so that more than six columns fit a page."""
+        """Whether the font is smaller, so that more than six columns fit on a page."""
         return len(self.head) > 6
 
     @property
     def letters(self) -> str:
-        """A letter for each column."""
+        """A letter per column."""
         return self.columns or "l" * len(self.head)
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading; `level` 2 for one inside another."""
+    """A heading; `level` 2 for a subsection."""
 
     title: str
     level: int = 1
@@ -51,7 +51,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Text:
-    """A paragraph, perhaps led by bold words; `small` for explanations."""
+    """A paragraph, optionally with a bold lead; `small` for explanations."""
 
     words: str
     lead: str = ""
@@ -67,14 +67,14 @@ class Points:
 
 @dataclass(frozen=True)
 class VerdictBox:
-    """The answer of a report: (lead, sentence) pairs."""
+    """The result of a report: (lead, sentence) pairs."""
 
     pairs: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
 class Pairs:
-    """(what, value) pairs; values of those in `code` are commands or code."""
+    """(name, value) pairs; values of the names in `code` are commands or code."""
 
     pairs: tuple[tuple[str, str], ...]
     code: tuple[str, ...] = ("command",)
@@ -89,14 +89,14 @@ class Formulas:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure and its words.
+    """A figure with its caption.
 
     Attributes
     ----------
     name : of its file, without suffix.
-    figure : the figure; None where there is nothing to draw, and so no part.
-    caption : below it.
-    alt : what it shows, for those who cannot see it.
+    figure : the figure; None if there is nothing to draw: then the part is omitted.
+    caption : text below it.
+    alt : alternative text that describes it.
     """
 
     name: str
@@ -106,14 +106,14 @@ class Drawing:
 
     @property
     def svg(self) -> str:
-        """The figure as an SVG file, in the colours of light paper."""
+        """The figure as an SVG file in the light colours."""
         assert self.figure is not None
         return self.figure.svg(self.alt)
 
 
 @dataclass(frozen=True)
 class Together:
-    """Parts that no page break divides."""
+    """Parts that are kept on one page."""
 
     parts: tuple[Part, ...]
 
@@ -127,11 +127,11 @@ class Document:
 
     Attributes
     ----------
-    title, about : its head.
-    of : what it is a report of, as in "a fit".
+    title, about : heading of the report.
+    of : subject of the report, such as "a fit".
     written_by : software and version.
     parts : in order.
-    endless : one page as long as it takes, for a picture.
+    endless : whether it is a single page of any length, as for an image.
     """
 
     title: str
@@ -143,12 +143,12 @@ class Document:
 
     @property
     def verdict(self) -> tuple[tuple[str, str], ...]:
-        """Its answer: (lead, sentence) pairs."""
+        """The result: (lead, sentence) pairs."""
         return next((part.pairs for part in self.parts if isinstance(part, VerdictBox)), ())
 
     @property
     def drawings(self) -> tuple[Drawing, ...]:
-        """Its figures."""
+        """All figures."""
         return _drawings(self.parts)
 
 
@@ -167,13 +167,13 @@ def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
 
     Raises
     ------
-    BadInput : the folder cannot be written.
+    BadInput : if the folder cannot be written.
     """
     return [write_atomically(Path(folder) / f"{one.name}.svg", one.svg) for one in made]
 
 
 def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:
-    """Parts below a heading, which stays with the first of them; nothing where there are none."""
+    """Parts below a heading, which is kept on one page with the first of them; empty if there are none."""
     kept = there(*parts)
     if not kept:
         return ()
@@ -184,12 +184,12 @@ def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:
 
 
 def there(*parts: Part) -> tuple[Part, ...]:
-    """Those that say or show something."""
+    """The parts that are not empty."""
     return tuple(part for part in parts if not _empty(part))
 
 
 SHORT = 14
-"""A table of so many rows is kept on one page."""
+"""Most rows of a table that is kept on one page."""
 
 
 def _empty(part: Part) -> bool:

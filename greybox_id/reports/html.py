@@ -1,4 +1,4 @@
-"""A report as one page for a browser: everything is in it, nothing is fetched, light and dark as the reader has it."""
+"""A report as one self-contained page for a browser, light or dark as the reader prefers."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .words import Span, clean, is_symbol_index, named, spans
 
 STYLE = "page.css"
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-"""What a browser may load for the page: nothing but what is in it."""
+"""Content security policy of the page: it may load nothing from elsewhere."""
 
 
 def write_html(document: Document, out: str | Path) -> Path:
-    """Write a report as an HTML page, atomically. Raises `BadInput` where the file cannot be written."""
+    """Write a report as an HTML page, atomically. Raises `BadInput` if the file cannot be written."""
     return write_atomically(Path(out), page(document))
 
 
 def style() -> str:
-    """The look of every page, light and dark, as CSS."""
+    """The style of every page, light and dark, as CSS."""
     light, dark = (
         f":root{{{''.join(f'--{name}:{colour};' for name, colour in colours.items())}}}" for colours in (LIGHT, DARK)
     )
@@ -33,7 +33,7 @@ def style() -> str:
 
 
 def page(document: Document) -> str:
-    """The page; nothing in names orders a terminal that shows its text."""
+    """The page, without control characters, so that its text is safe to show in a terminal."""
     body = "\n".join(part_html(part) for part in document.parts)
     return clean(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -49,7 +49,7 @@ def page(document: Document) -> str:
 
 
 def part_html(part: Part) -> str:
-    """A part of a report as HTML, escaped; its looks are those of the page that it stands in."""
+    """A part of a report as escaped HTML; its style is that of the page around it."""
     match part:
         case Section(title, level):
             return f"<h{level + 1}>{_words(title)}</h{level + 1}>"

@@ -1,7 +1,4 @@
-"""What the report of a hybrid says: its estimates, and how its network was trained.
-
-Equations of hybrid models, about what their network says.
-"""
+"""The report of a hybrid model: its estimates, its equations, and the training of its network."""
 
 from __future__ import annotations
 
@@ -29,12 +26,12 @@ from .recordings import Seen, matched
 from .report import Sections, errors, how_good, sections, seen
 
 SAID = "z"
-"""What the network says."""
+"""Symbol of the network's output."""
 
 
 @traced.register(HybridModel)
 def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
-    """Outputs and estimates, then the derivatives of the states."""
+    """Equations of outputs and estimates, then of the derivatives of the states."""
     read = Reader()
     x = SimpleNamespace(**{state.name: read.named(Symbol(state.name)) for state in model.states})
     u = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.inputs})
@@ -54,7 +51,7 @@ def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
 
 
 def network_words(model: HybridModel) -> str:
-    """What the network reads and how large it is, in a sentence."""
+    """Inputs and size of the network, in a sentence."""
     network = model.network
     if isinstance(network, FeedForwardNetwork):
         units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
@@ -87,7 +84,7 @@ TRAINING = (
     "Training: the objective minus its best value, over the steps; several trainings are drawn side by side.",
     "The objective over the steps of training.",
 )
-"""Words of the drawing: below it, and in its place."""
+"""Caption of the drawing and its alternative text."""
 
 
 @sections.register(HybridModel)
@@ -116,7 +113,7 @@ def _sections(
 
 @seen.register(HybridModel)
 def _seen(model: HybridModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
-    """Outputs that follow from what is recorded are added."""
+    """Adds outputs that follow from recorded signals."""
     result = []
     for record, recording in zip(fit.data, matched(fit, recordings), strict=True):
         read = {name: values for name in model.outputs if (values := model.read(name, recording)) is not None}

@@ -1,4 +1,4 @@
-"""The picture of a designed manoeuvre: its path in the arena, its commands over time."""
+"""The drawing of a designed manoeuvre: its path in the arena and its commands over time."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from ..gap.design.plan import Design
 from .figures.sheet import BLUE, DASHED, INK, ORANGE, PALE, Sheet, band, look
 
 TALL, LOW = 210.0, 62.0
-"""Heights of the path's panel and of the others, points."""
+"""Height of the path's panel and of the others, points."""
 ABREAST = 9
-"""Sections across the path at which its corridor is drawn, a second apart at most."""
+"""Number of cross-sections of the path's corridor that are drawn; at most one per second."""
 
 
 def manoeuvre(design: Design) -> Sheet:

@@ -1,6 +1,6 @@
-"""What the report of a model with memory says.
+"""The report of a model with memory.
 
-Equations of models with memory, windows as sums.
+Its equations, in which windows of past samples are sums, its errors, and how it was fitted.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ NEXT = "next"
 
 @traced.register(MemoryModel)
 def memory_equations(model: MemoryModel) -> tuple[Equation, ...]:
-    """The model's equations, and what follows from its outputs where it runs on its own."""
+    """The model's equations, and those of the inputs that follow from its outputs in closed loop."""
     read = Reader()
 
     def past(signal: Casadi, weights: Sequence[Casadi]) -> Casadi:
@@ -75,7 +75,7 @@ def memory_equations(model: MemoryModel) -> tuple[Equation, ...]:
 
 
 def _weights(weights: Sequence[Casadi], known: dict[str, Expression]) -> Symbol:
-    """The parameter whose last entries they are, without those; a letter where they are something else."""
+    """The parameter whose last index counts the weights, without that index; a letter if they are anything else."""
     result = [known.get(cs.SX(weight).name()) if cs.SX(weight).is_symbolic() else None for weight in weights]
     first = result[0]
     if isinstance(first, Symbol) and first.entry:
@@ -114,12 +114,12 @@ PROTOCOL_MEANING = {
 
 @dataclass(frozen=True)
 class Yardstick:
-    """What one output's error can be held against, on one role's recordings.
+    """Errors of persistence for one output, on the recordings of one role.
 
     Attributes
     ----------
     held : RMSE of holding the last measured value for one sample, in the output's unit.
-    held_fvu : its fraction of variance unexplained.
+    held_fvu : fraction of variance unexplained of the same.
     """
 
     held: float
@@ -151,7 +151,7 @@ def _sections(
 
 @seen.register(MemoryModel)
 def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
-    """Under every protocol that the model has."""
+    """Predictions in every protocol that the model has."""
     trace, named = Trace(model), protocols(model)
     return tuple(
         Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p, trace) for p in named})
@@ -160,7 +160,7 @@ def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -
 
 
 def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yardstick]]:
-    """Role -> output -> what its error can be held against."""
+    """Role -> output -> errors of persistence."""
     result: dict[str, dict[str, Yardstick]] = {}
     for role in dict.fromkeys(one.role for one in recordings):
         result[role] = {}
@@ -179,9 +179,9 @@ def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yard
 def verdict(
     model: MemoryModel, fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]
 ) -> tuple[str, ...]:
-    """Three sentences that hold for any numbers: how good, against what, how chosen."""
+    """Three sentences that hold for any numbers: accuracy, comparisons, choice of the regularisation."""
     role = "validate" if "validate" in fit.metrics else "train"
-    main = "closed_loop" if model.feedback is not None else "honest"  # its own predictions where it has a loop
+    main = "closed_loop" if model.feedback is not None else "honest"  # closed loop if the model has one
     return _how_good(fit, recordings, role, main), _against_what(fit, role, measures[role], main), _how_chosen(fit)
 
 
@@ -276,7 +276,7 @@ def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
 
 
 def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Drawing, ...]:
-    """The pictures that have a meaning for this model."""
+    """The drawings that are meaningful for this model."""
     return (
         Drawing(
             "steering",
@@ -299,7 +299,7 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Draw
 
 
 def _arrays(fit: Fit) -> Table:
-    """Parameters that are no single numbers."""
+    """Parameters that are arrays."""
     head = ("parameter", "meaning", "entries", "rms value", "rms sd", "unit", "strength")
     rows = []
     for parameter in fit.model.parameters:
@@ -323,7 +323,7 @@ def _stage_name(stage: Stage) -> str:
 
 
 def _strengths(fit: Fit) -> str:
-    """The factors on the priors of each stage; stages that share the last one's are not repeated."""
+    """Factors on the priors of each stage; stages that took over the previous one's are not repeated."""
     sentences = []
     for stage in fit.stages:
         if not stage.strengths or (stage.closed_loop and len(fit.stages) > 1):

@@ -1,4 +1,4 @@
-"""What the report of equations of motion says."""
+"""The report of a fit of equations of motion."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ from .report import Sections, sections, seen
 
 LEADS = ("How good", "Compared", "How sure")
 DRAWN = (HORIZONS[0], DRAWN_HORIZON)
-"""Horizons, s, that figures show; errors over all of them are in the fit."""
+"""Horizons, s, in figures; the fit has errors over all of them."""
 MOST_NAMED = 5
-"""Parameters that are named in a sentence; the table marks all."""
+"""Most parameters that are named in a sentence; the table marks all."""
 MOST_PAIRS = 3
-"""Pairs of parameters identifiable only in combination that are named."""
+"""Most pairs that are named of parameters identifiable only in combination."""
 INTERVALS = (
     "Standard deviations and intervals allow for the residuals' correlation in time and include the priors. "
     "Intervals follow Student's t distribution, with the degrees of freedom that the recordings leave. They end at "
@@ -107,17 +107,17 @@ def _sections(
 
 @seen.register(MotionModel)
 def _seen(model: MotionModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
-    """Over every horizon too."""
+    """Predictions over every horizon, too."""
     return driven(model, fit, recordings)
 
 
 def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) -> tuple[str, ...]:
-    """Three sentences: how good, against what, how sure.
+    """Three sentences: accuracy, comparisons, uncertainty.
 
     Parameters
     ----------
-    fit, recordings : the fit and what it saw.
-    held : role -> errors of holding the last reading.
+    fit, recordings : the fit and its recordings.
+    held : role -> errors of persistence.
     """
     role = "validate" if "validate" in fit.metrics else "train"
     scores, near = fit.metrics[role], _near(fit.metrics[role])
@@ -130,7 +130,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
 
 
 def _near(scores: Mapping[str, Any]) -> str | None:
-    """The horizon to name beside the free run; None where runs are too short for any."""
+    """The horizon to name in addition to the free run; None if runs are too short for any."""
     horizons = [protocol for protocol in scores if protocol != FREE_RUN]
     return ahead(DRAWN_HORIZON) if ahead(DRAWN_HORIZON) in horizons else next(reversed(horizons), None)
 
@@ -171,7 +171,7 @@ def _against_training(fit: Fit) -> str:
 
 
 def _times(ratios: Mapping[str, str], of: str) -> str:
-    """1.6 times as much in v_x, 3.1 times in yaw rate and 2.3 times in a_y."""
+    """Ratios in words: "1.6 times as much in v_x, 3.1 times in yaw rate and 2.3 times in a_y"."""
     return listed(
         [
             f"{ratio} times{f' {of}' if k == 0 else ''} in {signal_words(name)}"
@@ -185,7 +185,7 @@ def _ratio(value: float, reference: float) -> str:
 
 
 def _not_determined(fit: Fit) -> str:
-    """Which free parameters are not identifiable, as sentences without the last full stop."""
+    """Free parameters that are not identifiable, as sentences without the last full stop."""
     free = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
     if not free:
         return "No parameter was free"
@@ -255,7 +255,7 @@ def _starts_from(how: Mapping[str, Any]) -> str:
 
 
 def estimates(fit: Fit) -> tuple[Part, ...]:
-    """Parameters, effects, combinations, and what is left open."""
+    """Parameters, effects, combinations, and what is not identifiable."""
     model = fit.model
     free = [p for p in model.parameters if not p.fixed and p.name not in model.effects]
     open_ = tuple(_printed(sentence) for sentence in told_together(fit))
@@ -270,7 +270,7 @@ def estimates(fit: Fit) -> tuple[Part, ...]:
 
 
 def _held(fit: Fit) -> tuple[str, ...]:
-    """Sentences on parameters that were not estimated."""
+    """Sentences on parameters that were fixed."""
     held = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
     known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
@@ -324,7 +324,7 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
 
 
 def errors_by_horizon(fit: Fit, held: Mapping[str, Errors]) -> Table:
-    """A row for each output of each role, and one for holding the last reading below it where that is known."""
+    """A row per output and role, and one for persistence below it if it is known."""
     roles = [role for role in ROLE_WORDS if role in fit.metrics]
     protocols = list(dict.fromkeys(protocol for role in roles for protocol in fit.metrics[role]))
     noise = fit.stages[-1].noise
@@ -353,7 +353,7 @@ def _rmse(error: Mapping[str, Any]) -> str:
 
 
 def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> tuple[Drawing, ...]:
-    """The pictures that have a meaning for this model."""
+    """The drawings that are meaningful for this model."""
     return (
         Drawing(
             "tyres",

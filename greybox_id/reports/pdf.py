@@ -1,4 +1,4 @@
-"""A report as a PDF: the same tree gives the same bytes; nothing is fetched, every font is embedded."""
+"""A report as PDF: reproducible byte by byte, self-contained, with all fonts embedded."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ LAYOUT = "document.typ"
 
 
 def write_pdf(document: Document, out: str | Path) -> Path:
-    """Write a report as a PDF, atomically. Raises `BadInput` where the file cannot be written."""
+    """Write a report as PDF, atomically. Raises `BadInput` if the file cannot be written."""
     return _write(rendered(document), Path(out))
 
 
 def write_png(document: Document, out: str | Path, dots_per_inch: int = 150) -> Path:
-    """Write the first page of a report as a PNG, atomically. Raises `BadInput` where the file cannot be written."""
+    """Write the first page of a report as PNG, atomically. Raises `BadInput` if the file cannot be written."""
     return _write(_marked(rendered(document, "png", dots_per_inch)), Path(out))
 
 
 def rendered(document: Document, kind: Literal["pdf", "png"] = "pdf", dots_per_inch: int = 150) -> bytes:
-    """The bytes of the PDF, or of its first page as PNG. No date is in them: they depend on what is shown alone.
+    """The bytes of the PDF, or of its first page as PNG. They contain no date, so they depend on the content alone.
 
     Raises
     ------
-    BadInput : the pages cannot be laid out, as nothing can be written to the folder for temporary files.
+    BadInput : if the folder for temporary files cannot be written.
     """
     try:
         return _rendered(document, kind, dots_per_inch)
@@ -63,7 +63,7 @@ def _rendered(document: Document, kind: Literal["pdf", "png"], dots_per_inch: in
             format=kind,
             ppi=float(dots_per_inch),
             timestamp=0,
-            ignore_system_fonts=True,  # the same report everywhere
+            ignore_system_fonts=True,  # same report on all computers
         )
     result = pages[0] if isinstance(pages, list) else pages
     assert isinstance(result, bytes)
@@ -71,7 +71,7 @@ def _rendered(document: Document, kind: Literal["pdf", "png"], dots_per_inch: in
 
 
 def as_plain_data(document: Document) -> dict[str, Any]:
-    """The tree for the layout."""
+    """The tree of parts as input for the layout."""
     return {
         "title": document.title,
         "about": _spans(document.about),
@@ -131,7 +131,7 @@ def _plain(result: tuple[Span, ...]) -> list[dict[str, Any]]:
 
 
 def _marked(png: bytes) -> bytes:
-    """A PNG that says which software made it, right after its header, which is 33 bytes long."""
+    """A PNG with the name of this software after its header, which is 33 bytes long."""
     words = b"tEXtSoftware\0" + MARK.encode()
     chunk = struct.pack(">I", len(words) - 4) + words + struct.pack(">I", zlib.crc32(words))
     return png[:33] + chunk + png[33:]

@@ -1,4 +1,4 @@
-"""What draws of a posterior add to the report of a fit: their table, how they hang together, bands of predictions."""
+"""Section on the posterior in the report of a fit: a table of the draws, a corner plot, and bands of predictions."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .figures.sheet import BLUE, DASHED, MEASURED, Sheet, band, look, signal_lab
 from .recordings import Driven, shown_first, typical_stretch
 
 MOST_DRAWN = 7
-"""Parameters of a corner plot: those of which the draws know least, relative to the fit's standard deviations."""
+"""Most parameters in a corner plot: those whose mean is furthest from the fit, relative to the fit's sd."""
 DRAWS = 500
-"""Dots of a pair."""
+"""Number of dots per pair."""
 HEIGHT = 95.0
 HOW = {
     "laplace": "from the fit's normal distribution, weighted by the posterior",
@@ -37,11 +37,11 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     ----------
     fit : whose posterior it is.
     posterior : its draws.
-    drives : what the fit has seen.
+    drives : recordings of the fit.
 
     Raises
     ------
-    BadInput : the posterior is of another fit or has no draws.
+    BadInput : if the posterior is of another fit or has no draws.
     """
     one = shown_first(drives)
     result = predictive_band(fit, posterior, one.recording)
@@ -122,7 +122,7 @@ def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
 
 
 def bands(fit: Fit, result: PredictiveBand, recording: Recording, stretch: tuple[int, int]) -> Sheet:
-    """Every recorded output over a stretch, with the mean of the draws and the band of readings."""
+    """Every recorded output over a stretch, with the mean of the draws and the band for measurements."""
     drawn = [k for k, name in enumerate(fit.model.outputs) if name in recording]
     sheet = Sheet((HEIGHT,) * len(drawn), joined=True)
     start, stop = stretch

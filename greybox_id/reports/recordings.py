@@ -1,8 +1,8 @@
-"""The recordings that a fit saw, found again, and what its model predicts of them.
+"""The recordings of a fit, matched with those given, and the model's predictions of them.
 
-The recordings of a fit of equations of motion: what the model predicts of them, and what holding a reading would.
+For equations of motion, also predictions over every horizon and by persistence.
 
-The sensors' noise, heard where the vehicle gives no signal: straight at constant speed, else at rest.
+Sensor noise, measured where the vehicle's motion does not vary: straight at constant speed, or at rest.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from ..fitting.scores.motion import hold
 from ..models.motion_model import MotionModel
 
 SECONDS = 15.0
-"""Length of a typical stretch."""
+"""Length of a typical stretch, s."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """A recording that a fit saw, with the model's predictions of it.
+    """A recording of a fit, with the model's predictions.
 
     Attributes
     ----------
     role : "train" or "validate".
-    recording : the same rows that the fit saw.
-    outputs : of the model, those that are recorded.
-    predicted : protocol -> predictions of them; those of simulations only where the model can run on its own.
+    recording : the rows that the fit used.
+    outputs : outputs of the model that are recorded.
+    predicted : protocol -> predictions of them; simulations only if the model can run in closed loop.
     """
 
     role: str
@@ -51,7 +51,7 @@ class Seen:
 
     @property
     def main(self) -> str:
-        """The protocol a simulation is judged by: on the model's own predictions where it has that."""
+        """The main protocol for scores: free run or closed loop if the model has it."""
         return next((name for name in (FREE_RUN, "closed_loop") if name in self.predicted), "honest")
 
 
@@ -59,23 +59,23 @@ AnySeen = TypeVar("AnySeen", bound=Seen)
 
 
 def matched(fit: Fit, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """The recordings of a fit, in its order. Raises `BadInput` where one is missing or is another file."""
+    """The recordings of a fit, in its order. Raises `BadInput` if one is missing or is another file."""
     return tuple(as_seen(fit, _match(record, recordings)) for record in fit.data)
 
 
 def of_role(recordings: Sequence[AnySeen], role: str) -> tuple[AnySeen, ...]:
-    """Those that trained, or those that validated."""
+    """The recordings of one role, train or validate."""
     return tuple(one for one in recordings if one.role == role)
 
 
 def shown_first(recordings: Sequence[AnySeen]) -> AnySeen:
-    """The recording to show: the longest that validated, else the longest that trained."""
+    """The recording to show: the longest held-out one, or the longest if none was held out."""
     choice = of_role(recordings, "validate") or tuple(recordings)
     return max(choice, key=lambda one: len(one.recording))
 
 
 def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
-    """The predictions of each unbroken run of a recording, with the run's number from 1; runs without any left out."""
+    """Predictions per run of a recording, with the run's number, from 1; runs without predictions are left out."""
     whole = one.predicted[protocol]
     result = []
     for number, ends in enumerate(one.recording.runs, 1):
@@ -88,7 +88,7 @@ def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
 def typical_stretch(one: Seen) -> tuple[int, int]:
     """The rows of the stretch whose error is nearest to that of the whole recording: neither its best nor its worst.
 
-    The error is the mean over the outputs of the mean square, each relative to its own over the recording.
+    The error is the mean over the outputs of the mean square, each divided by that over the whole recording.
     """
     whole = one.predicted[one.main]
     average = _mean_squares(whole, len(whole.rows))
@@ -106,7 +106,7 @@ def typical_stretch(one: Seen) -> tuple[int, int]:
 
 
 def _mean_squares(part: Prediction, length: int) -> Array:
-    """(windows, outputs) mean square of the residuals over every stretch of so many rows, those that were read."""
+    """(windows, outputs) mean square of the residuals over every window of this length, without NaN."""
     residual = part.predicted - part.measured
     known = np.isfinite(residual)
 
@@ -158,10 +158,10 @@ def _where(recording: Recording) -> str:
 
 
 SHOWN = ("alpha_f", "alpha_r")
-"""Quantities whose values along the drive are shown."""
+"""Quantities whose values during driving are shown."""
 
 MOVING = 0.25
-"""Samples count as moving when they are faster than this share of the top speed."""
+"""Share of the top speed above which samples count as moving."""
 
 Errors = Mapping[str, Mapping[str, Error]]
 """Protocol -> output -> error."""
@@ -169,12 +169,12 @@ Errors = Mapping[str, Mapping[str, Error]]
 
 @dataclass(frozen=True)
 class Driven(Seen):
-    """A recording that a fit saw, with predictions over every horizon and in free run.
+    """A recording of a fit, with predictions over every horizon and in free run.
 
     Attributes
     ----------
-    held : protocol -> the same rows predicted by holding the reading they are predicted from.
-    quantities : name -> values along the drive, as the model has them a little after each reading.
+    held : protocol -> predictions of the same rows by persistence.
+    quantities : name -> values during driving, as predicted shortly after each reading.
     """
 
     held: Mapping[str, Prediction]
@@ -188,12 +188,12 @@ def driven(
 
     Parameters
     ----------
-    model, fit, recordings : the fit, its model and what it saw.
-    horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
+    model, fit, recordings : the fit, its model and its recordings.
+    horizons : of the model's predictions besides the free run, s; persistence has all of `HORIZONS`.
 
     Raises
     ------
-    BadInput : one that the fit saw is missing, or is another file.
+    BadInput : if a recording of the fit is missing, or is another file.
     """
     shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
     simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
@@ -204,7 +204,7 @@ def driven(
 
 
 def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
-    """Role -> protocol -> output -> the error of holding the reading that a prediction starts from."""
+    """Role -> protocol -> output -> error of persistence."""
     result: dict[str, Errors] = {}
     for role in dict.fromkeys(one.role for one in recordings):
         value = of_role(recordings, role)
@@ -218,7 +218,7 @@ def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
 
 
 def typical_speed(recordings: Sequence[Driven]) -> float:
-    """The speed that half of the recorded samples are below, of those that move; 1 m/s where none was recorded."""
+    """Median of the recorded speed while moving, m/s; 1 if none was recorded."""
     speeds = [one.recording["v_x"] for one in recordings if "v_x" in one.recording]
     known = np.concatenate([np.empty(0), *speeds])
     moving = known[np.isfinite(known) & (known > MOVING * np.nanmax(known, initial=0.0))]
@@ -253,7 +253,7 @@ def _driven(
 
 
 def _rows_of(prediction: Prediction, near: float, horizon: float, runs: Sequence[MotionRun]) -> Prediction:
-    """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
+    """The rows that would be predicted over a horizon, derived from those predicted over a shorter one."""
     rows, number, measured = [], [], []
     for k, run in enumerate(runs):
         first, later = (max(1, round(item / run.sample_time)) for item in (near, horizon))
@@ -273,7 +273,7 @@ def _of(prediction: Prediction, columns: Sequence[int]) -> Prediction:
 
 
 def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:
-    """What holding predicts of several recordings, one after the other."""
+    """Predictions by persistence of several recordings, concatenated."""
     parts = [(one, one.held[protocol]) for one in recordings if protocol in one.held]
     places = [[one.outputs.index(name) for name in outputs] for one, _ in parts]
     return Prediction(
@@ -287,24 +287,24 @@ def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str])
 REST_SHARE = 0.003
 """At rest: slower than this share of the top speed (the 99 % quantile of speed)."""
 MOVING_SHARE, STEADY_SHARE = 0.2, 0.05
-"""Straight at constant speed: faster than the first share of the top speed, smoothed yaw rate and change of speed
-below the second share of their own 99 % quantile, or below what counts as none anyway."""
+"""Straight at constant speed: faster than the first share of the top speed, with smoothed yaw rate and change of speed
+below the second share of their own 99 % quantile, or below the limits that count as none."""
 NO_TURN, NO_CHANGE = 0.01, 0.02
-"""Yaw rate, rad/s, and change of speed, share of the top speed per second, that count as none."""
+"""Yaw rate, rad/s, and relative change of speed, 1/s, that count as none."""
 SMOOTHING = 0.5
-"""s over which yaw rate and speed are smoothed before the stretch is judged."""
+"""Duration over which yaw rate and speed are smoothed for this, s."""
 STRAIGHT_SECONDS, REST_SECONDS = 2.0, 1.0
-"""Least length of a stretch."""
+"""Least length of a stretch, s."""
 
 
 @dataclass(frozen=True)
 class Noise:
-    """Stretches without a signal.
+    """Stretches of recordings that contain only sensor noise.
 
     Attributes
     ----------
     where : "straight at constant speed" or "at rest".
-    stretches : recording, first row, end row of each.
+    stretches : recording, first row and end row of each.
     """
 
     where: str
@@ -312,22 +312,22 @@ class Noise:
 
     @property
     def seconds(self) -> float:
-        """Their length together."""
+        """Total duration of the stretches."""
         return float(sum((stop - start) * recording.sample_time for recording, start, stop in self.stretches))
 
     def of(self, name: str) -> list[Array]:
-        """One signal on every stretch that has it whole, its trend removed."""
+        """A signal in every stretch in which it has no NaN, detrended."""
         result = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
         return [detrended(values) for values in result if np.all(np.isfinite(values))]
 
     def sd(self, name: str) -> float:
-        """Standard deviation of one signal; nan where it was not recorded."""
+        """Standard deviation of the noise of a signal; NaN if it was not recorded."""
         parts = self.of(name)
         return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else float("nan")
 
 
 def noise(recordings: Sequence[Recording]) -> Noise | None:
-    """Where noise can be heard alone in some recordings: straight at constant speed, else at rest, else None."""
+    """Stretches with noise alone: straight at constant speed, or at rest if there are none; None if neither exists."""
     for where, stretches in (("straight at constant speed", _straight), ("at rest", _at_rest)):
         result = tuple((r, a, b) for r in recordings if "v_x" in r for a, b in stretches(r))
         if result:
@@ -356,7 +356,7 @@ def _straight(recording: Recording) -> list[tuple[int, int]]:
 
 
 def _smooth(recording: Recording, name: str) -> Array:
-    """Smoothed within runs; a missing value makes its neighbours missing."""
+    """Signal smoothed within runs; a missing value makes its neighbours missing."""
     length = max(1, round(SMOOTHING / recording.sample_time)) | 1
     result = recording[name].copy()
     for start, stop in recording.runs:
@@ -371,7 +371,7 @@ def _top(values: Array) -> float:
 
 
 def _stretches(quiet: NDArray[np.bool_], recording: Recording, seconds: float) -> list[tuple[int, int]]:
-    """Row ranges inside runs in which `quiet` holds for long enough."""
+    """Row ranges within runs in which `quiet` holds for long enough."""
     least, result = round(seconds / recording.sample_time), []
     for start, stop in recording.runs:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], quiet[start:stop].astype(np.int8), [0]))))

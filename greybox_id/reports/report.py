@@ -1,6 +1,6 @@
-"""The report of a fit, whatever its model, as PDF or HTML.
+"""The report of a fit of any model, as PDF or HTML.
 
-What a kind of model has to say in the report of a fit, and what is said of one that brings nothing of its own.
+Each kind of model can register its own sections; those here are the default.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ EQUATIONS = "Derived from the model, with the added effects."
 
 @dataclass(frozen=True)
 class Sections:
-    """The parts of a report that differ between kinds of models, in the order in which they are printed.
+    """The parts of a report that depend on the kind of model, in the order in which they are printed.
 
     Attributes
     ----------
-    runs : what the fit saw, with predictions.
-    verdict : what the first page says below the verdict, each behind its lead.
-    provenance : pairs of what and value.
-    judged : sections on how good it is.
-    learned : sections on what it has learned.
-    fitted : sections on how it was fitted.
-    beside : said of the predictions in the captions of traces.
+    runs : recordings of the fit, with predictions.
+    verdict : sentences on the first page after the verdict, as (lead, sentence) pairs.
+    provenance : (name, value) pairs.
+    judged : sections on accuracy.
+    learned : sections on the estimates and equations.
+    fitted : sections on how the model was fitted.
+    beside : added to the captions of traces.
     """
 
     runs: Sequence[Seen]
@@ -70,11 +70,11 @@ class Sections:
 
 @by_kind
 def seen(model: Model, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
-    """The recordings of a fit, in its order, with predictions; free runs where a kind makes no others.
+    """The recordings of a fit, in its order, with predictions: free runs unless a kind of model registers others.
 
     Raises
     ------
-    BadInput : one that the fit saw is missing, or is another file.
+    BadInput : if a recording of the fit is missing, or is another file.
     """
     result = []
     for record, recording in zip(fit.data, matched(fit, recordings), strict=True):
@@ -86,11 +86,11 @@ def seen(model: Model, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Se
 
 @by_kind
 def sections(model: Model, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Sections:
-    """What the report of a fit says, with draws of its posterior where a kind has such.
+    """The sections of a fit's report, with draws of the posterior for kinds that have one.
 
     Raises
     ------
-    BadInput : as `seen`, or the posterior is of another fit.
+    BadInput : as `seen`, or if the posterior is of another fit.
     """
     runs = seen(model, fit, recordings)
     parameters = titled("Parameters", scalars(fit))
@@ -106,7 +106,7 @@ def sections(model: Model, fit: Fit, recordings: Sequence[Recording], posterior:
 
 
 def how_good(fit: Fit, runs: Sequence[Seen]) -> str:
-    """How far a fit errs in free run, in a sentence."""
+    """RMSE of a fit in free run, in a sentence."""
     role = "validate" if "validate" in fit.metrics else "train"
     each = [
         f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(fit.model.unit(name))} in {signal_words(name)} "
@@ -117,7 +117,7 @@ def how_good(fit: Fit, runs: Sequence[Seen]) -> str:
 
 
 def errors(fit: Fit) -> Table:
-    """RMSE of every output in free run, of each role."""
+    """RMSE of every output in free run, per role."""
     roles = [role for role in ROLE_WORDS if role in fit.metrics]
     head = ("output", *(f"{ROLE_WORDS[role]}: {what}" for role in roles for what in ("RMSE", "FVU")))
     rows = []
@@ -132,15 +132,15 @@ def errors(fit: Fit) -> Table:
 
 
 FORMATS = {"pdf": write_pdf, "html": write_html}
-"""Kind of file -> what writes it."""
+"""Kind of file -> function that writes it."""
 
 
 def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
-    """What the report of a fit says and shows, of equations of motion with draws of its posterior.
+    """The report of a fit, before it is written; with draws of the posterior for equations of motion.
 
     Raises
     ------
-    BadInput : as `report` does, or the posterior is of another fit, or the fit can have none.
+    BadInput : as `report`, or if the posterior is of another fit or does not suit this one.
     """
     if not fit.data:
         raise BadInput(
@@ -174,17 +174,17 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
 
 
 def _recorded_inputs(model: Model, one: Seen) -> list[str]:
-    """The signals of a recording that are the model's inputs, by their own names or by aliases."""
+    """The signals of a recording that are inputs of the model, by name or alias."""
     names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
     return [next((item for item in each if item in one.recording), each[0]) for each in names]
 
 
 def kind_of(out: str | Path, kind: str | None = None) -> str:
-    """Kind of file, pdf or html: as asked for, else as the file's name says.
+    """Kind of file, pdf or html: as requested, or by the suffix of the file's name.
 
     Raises
     ------
-    BadInput : the name says something else than what is asked for.
+    BadInput : if the suffix is another or contradicts the request.
     """
     suffix = {"htm": "html"}.get(value := Path(out).suffix.lower().lstrip("."), value)
     if suffix not in FORMATS:
@@ -195,5 +195,5 @@ def kind_of(out: str | Path, kind: str | None = None) -> str:
 
 
 def write(document: Document, out: str | Path, kind: str | None = None) -> Path:
-    """Write a report as PDF or HTML, as `kind` or the file's name says, atomically."""
+    """Write a report as PDF or HTML, as given by `kind` or the suffix of the file's name, atomically."""
     return FORMATS[kind or kind_of(out)](document, out)

@@ -1,4 +1,4 @@
-"""Equations of motion at rest with themselves: quantities in a steady state, and the steady states themselves."""
+"""Steady states of equations of motion, and quantities in a steady state."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from ..models.motion_model import MotionModel
 from ..models.parameter import Parameter
 
 ROUNDS, SETTLED = 30, 1e-9
-"""Newton steps to a steady state, at most, and the rates in it, per state's scale and second."""
+"""Most Newton steps to a steady state, and largest rates in it, in units of each state's scale per second."""
 LONGEST_STEP = 1.0
-"""How far a Newton step goes at most, in scales of the states."""
+"""Largest Newton step, in scales of the states."""
 
 
 def without_memory(model: MotionModel, outputs: Sequence[str]) -> MotionModel:
-    """The same model without delays, lags and sensors, which reads the quantities named."""
+    """The same model without delays, lags and sensors, with the given quantities as outputs."""
     return replace(
         model, outputs=tuple(outputs), delays=(), actuators=(), relaxations=(), sensors=(), latencies=()
     )  # fmt: skip
@@ -29,11 +29,11 @@ def without_memory(model: MotionModel, outputs: Sequence[str]) -> MotionModel:
 class OverSlip:
     """Lateral force over vertical load of one axle, as a function of its slip angle, with all effects on it.
 
-    The vehicle drives straight on at constant speed; the slip angles are given, of both axles the same.
+    The vehicle drives straight at constant speed; the slip angles of both axles are given and equal.
 
     Parameters
     ----------
-    model : it must have the quantities alpha_f, alpha_r and F_y, F_z of the axle.
+    model : must have the quantities alpha_f, alpha_r and F_y, F_z of the axle.
     suffix : of the axle, "f" or "r".
     v_x : speed, m/s.
     """
@@ -54,17 +54,17 @@ class OverSlip:
 
 
 def steady_turns(model: MotionModel, steer: Array, v_x: float) -> Array | None:
-    """Yaw rates of steady turns at a speed, (n,) rad/s; NaN from where on none is found.
+    """Yaw rates of steady turns at one speed, (n,) rad/s; NaN from the first one that is not found.
 
     Parameters
     ----------
-    model : with steer among its inputs and v_x among its inputs or states; as a state, the drive keeps it.
-    steer : (n,) road-wheel angles [rad], from small to large: each turn starts where the one before ended.
+    model : with steer as an input and v_x as an input or state; as a state it is kept constant by the drive.
+    steer : (n,) road-wheel angles [rad], in increasing order: each turn starts from the previous one.
     v_x : speed, m/s.
 
     Returns
     -------
-    None where the equations have no such state: too few unknowns, or too many.
+    None if the equations do not determine a steady turn: too few unknowns, or too many.
     """
     trace = MotionTrace(without_memory(model, ("yaw_rate",)))
     unknown = [state.name for state in model.states if state.name != "v_x"]
@@ -106,7 +106,7 @@ def _settle(newton: cs.Function, at: Array, steer: float, scale: Array, per_seco
 
 
 def _segment(trace: MotionTrace, known: Mapping[str, object]) -> cs.SX:
-    """A segment of no length, over which inputs stay what is known of them, or at their defaults."""
+    """A segment of zero length with inputs at the given values, or at their defaults."""
     model = trace.model
     held = [known.get(name, model.defaults.get(name, 0.0)) for name in model.inputs]
     rest = [0.0] * (trace.segment_size - 1 - len(held))

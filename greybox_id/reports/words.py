@@ -1,4 +1,4 @@
-"""Words in which names of quantities are symbols: v_x is a letter with an index, yaw_rate stays a word."""
+"""Typesetting of names of quantities in text: v_x is a symbol with an index, yaw_rate remains a word."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ _ALONE = re.compile(r"([A-Za-z])(?= \[)")
 _SYMBOL = re.compile(rf"(?<![\w.])({_HEAD})((?:_[0-9A-Za-z]+)+)(?![\w.]*\w)")
 
 ORDERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Characters that move a cursor, change colours or turn the direction of letters; ends of lines and tabs are none."""
+"""Control characters that move a cursor, change colours or reverse the direction of text; not line ends and tabs."""
 
 
 def clean(text: str) -> str:
-    """A text as it may be shown: an escape character is shown as its picture, other orders as a question mark."""
+    """Text without control characters: an escape character becomes its picture, others become question marks."""
     return ORDERS.sub(lambda item: "␛" if item[0] == "\x1b" else "\ufffd", text)
 
 
 @dataclass(frozen=True)
 class Span:
-    """Words alike.
+    """A stretch of text of one kind.
 
     Attributes
     ----------
     words : plain words, or the letter of a symbol.
-    index : of a symbol, each letter or word of it; empty for plain words.
+    index : letters or words of a symbol's index; empty for plain words.
     symbol : whether `words` is the letter of a symbol.
     """
 
@@ -40,23 +40,23 @@ class Span:
 
 
 def spans(text: str) -> tuple[Span, ...]:
-    """A text in plain words and symbols."""
+    """A text, divided into plain words and symbols."""
     return tuple(_parts(text.replace(" %", "\u00a0%")))
 
 
 def named(name: str) -> tuple[Span, ...]:
-    """A name alone, as in the first column of a table: a bare letter is a symbol too."""
+    """A single name, as in the first column of a table: here a single letter is a symbol, too."""
     return (Span(name, symbol=True),) if re.fullmatch("[A-Za-z]", name) else spans(name)
 
 
 def is_symbol_index(index: str) -> bool:
-    """Whether a part of an index is set as a symbol."""
+    """Whether a part of an index is typeset as a symbol."""
     return index in GREEK.values() or bool(re.fullmatch("[a-z]", index))
 
 
 def _parts(text: str) -> Iterator[Span]:
     at = 0
-    if alone := _ALONE.match(text):  # a label: a letter and its unit
+    if alone := _ALONE.match(text):  # label of a letter and its unit
         yield Span(alone[1], symbol=True)
         at = 1
     for item in _SYMBOL.finditer(text):

@@ -1,1 +1,1 @@
-"""A model's equations as typeset mathematics, made from the model itself."""
+"""Typeset equations of a model, derived from the model itself."""

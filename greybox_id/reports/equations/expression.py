@@ -1,4 +1,4 @@
-"""Mathematical expressions as plain data, ready to be typeset, and cut to what can be read."""
+"""Mathematical expressions as plain data for typesetting, and their abbreviation to a readable size."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ class Symbol:
 
     Attributes
     ----------
-    name : as the model calls it.
-    entry : place in an array, from 1.
-    dots : derivatives by time.
-    mark : what stands at its upper right: a prime where an effect alters it, "late", or "read" by a sensor.
+    name : in the model.
+    entry : index in an array, from 1.
+    dots : number of time derivatives.
+    mark : superscript: a prime if an effect alters the quantity, "late" if it is delayed, "read" for a sensor's
+        reading.
     """
 
     name: str
@@ -35,7 +36,7 @@ class Symbol:
 
 @dataclass(frozen=True)
 class Sum:
-    """Terms, each with whether it is subtracted; `left_out` counts those that are not shown before the last."""
+    """Terms, each with whether it is subtracted; `left_out` is the number of terms omitted before the last."""
 
     terms: tuple[tuple[bool, Expression], ...]
     left_out: int = 0
@@ -50,7 +51,7 @@ class Product:
 
 @dataclass(frozen=True)
 class Quotient:
-    """One over the other."""
+    """A fraction."""
 
     above: Expression
     below: Expression
@@ -74,7 +75,7 @@ class Call:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two sides and what is between them: <, ≤, =, ≠, "and", "or"."""
+    """Two sides and the sign between them: <, ≤, =, ≠, "and", "or"."""
 
     sign: str
     left: Expression
@@ -83,7 +84,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Cases:
-    """Values where a condition holds, and elsewhere."""
+    """A value under a condition, and otherwise another."""
 
     where: Expression
     value: Expression
@@ -92,13 +93,13 @@ class Cases:
 
 @dataclass(frozen=True)
 class Window:
-    """The sum of a signal's last samples times weights, newest with the last weight.
+    """The weighted sum of a signal's last samples; the last weight belongs to the newest sample.
 
     Attributes
     ----------
-    weights : symbol whose last entry runs over the window.
-    signal : what the window looks at.
-    length : samples.
+    weights : symbol whose last index runs over the window.
+    signal : expression whose samples are summed.
+    length : in samples.
     """
 
     weights: Symbol
@@ -107,14 +108,14 @@ class Window:
 
 
 SHIFTED = "shifted"
-"""The function of a quantity and a time: what the quantity was so long ago."""
+"""Name of the function that delays a quantity by a time."""
 
 Expression = Constant | Symbol | Sum | Product | Quotient | Power | Call | Comparison | Cases | Window
 
 
 @dataclass(frozen=True)
 class Equation:
-    """A left side and what it equals."""
+    """Left and right side of an equation."""
 
     left: Symbol
     right: Expression
@@ -124,11 +125,11 @@ _PARTS: Mapping[type[Any], tuple[str, ...]] = {
     Quotient: ("above", "below"), Power: ("base", "exponent"), Comparison: ("left", "right"),
     Cases: ("where", "value", "otherwise"), Window: ("signal",),
 }  # fmt: skip
-"""What expressions of a fixed number of parts call them."""
+"""Kind of expression with a fixed number of parts -> names of its parts."""
 
 
 def children(of: Expression) -> tuple[Expression, ...]:
-    """What an expression is made of."""
+    """The parts of an expression."""
     match of:
         case Sum(terms):
             return tuple(term for _, term in terms)
@@ -140,7 +141,7 @@ def children(of: Expression) -> tuple[Expression, ...]:
 
 
 def with_children(of: Expression, new: tuple[Expression, ...]) -> Expression:
-    """The same expression of other parts."""
+    """The same expression with other parts."""
     match of:
         case Sum(terms):
             return replace(of, terms=tuple((minus, item) for (minus, _), item in zip(terms, new, strict=True)))
@@ -153,7 +154,7 @@ def with_children(of: Expression, new: tuple[Expression, ...]) -> Expression:
 
 
 def symbols(of: Expression) -> Iterator[Symbol]:
-    """Every symbol in an expression."""
+    """All symbols in an expression."""
     if isinstance(of, Symbol):
         yield of
     if isinstance(of, Window):
@@ -163,14 +164,14 @@ def symbols(of: Expression) -> Iterator[Symbol]:
 
 
 def added(one: Expression, other: Expression, minus: bool = False) -> Expression:
-    """A sum or difference, with sums among its terms taken apart."""
+    """A sum or difference; sums among its terms are flattened."""
     first = one.terms if isinstance(one, Sum) else ((False, one),)
     second = other.terms if isinstance(other, Sum) else ((False, other),)
     return Sum((*map(_unsigned, first), *(_unsigned((sign != minus, term)) for sign, term in second)))
 
 
 def multiplied(one: Expression, other: Expression) -> Expression:
-    """A product, with signs drawn out and quotients kept together."""
+    """A product with its sign in front; quotients are kept together."""
     negative = _is_negative(one) != _is_negative(other)
     one, other = _positive(one), _positive(other)
     if isinstance(one, Constant) and one.value == 1.0:
@@ -188,7 +189,7 @@ def multiplied(one: Expression, other: Expression) -> Expression:
 
 
 def divided(one: Expression, other: Expression) -> Expression:
-    """A quotient with its sign drawn out."""
+    """A quotient with its sign in front."""
     quotient = Quotient(_positive(one), _positive(other))
     return Sum(((True, quotient),)) if _is_negative(one) != _is_negative(other) else quotient
 
@@ -214,16 +215,16 @@ def _unsigned(term: tuple[bool, Expression]) -> tuple[bool, Expression]:
 
 
 LARGE = 7
-"""Parts that an expression has at least to be worth a letter of its own."""
+"""Least number of parts of an expression for an abbreviation."""
 MOST_TERMS, SHOWN = 8, 3
-"""Longer sums show so many terms and the last."""
+"""Longer sums are shown by this many first terms and the last one."""
 LETTER = "w"
 MOST = 60
-"""Equations at most; of what is left out, readers are told."""
+"""Most equations; the report gives the number of those left out."""
 
 
 def readable(equations: Sequence[Equation]) -> tuple[tuple[Equation, ...], int]:
-    """The same equations, each behind the letters it needs, and how many definitions were left out."""
+    """The same equations, each followed by definitions of its abbreviations, and the number of definitions left out."""
     return _Shortened(equations).found()
 
 
@@ -241,7 +242,7 @@ class _Shortened:
             self._count(equation.right, seen)
 
     def found(self) -> tuple[tuple[Equation, ...], int]:
-        """Equations in order, definitions behind the first that needs them."""
+        """Equations in order; each definition follows the first equation that uses it."""
         for equation in self._equations:
             self._add(Equation(equation.left, self._inside(equation.right)), equation.right)
         return tuple(self._made), self._left_out
@@ -256,7 +257,7 @@ class _Shortened:
             self._add(Equation(self._letters[item], self._inside(item)), item)
 
     def _waiting_in(self, original: Expression) -> list[Expression]:
-        """What got a letter while this was written, in order of appearance."""
+        """Expressions that were abbreviated while this one was written, in order of appearance."""
         new = [item for item in list(self._letters)[self._told :] if item != original]
         self._told = len(self._letters)
         return new
@@ -270,7 +271,7 @@ class _Shortened:
         return self._sizes[of]
 
     def _inside(self, of: Expression) -> Expression:
-        """An expression whose larger, repeated parts are letters."""
+        """An expression with its larger, repeated parts abbreviated."""
         if isinstance(of, Sum) and len(of.terms) > MOST_TERMS:
             kept = (*of.terms[:SHOWN], of.terms[-1])
             of_kept = tuple((minus, self._written(item)) for minus, item in kept)

@@ -1,4 +1,4 @@
-"""Equations of motion, written down in the order in which the model goes through them."""
+"""Equations of motion in the order in which the model evaluates them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .tracing import Reader, is_plain, traced
 
 @traced.register(MotionModel)
 def motion_equations(model: MotionModel) -> tuple[Equation, ...]:
-    """In the order in which the model goes through them."""
+    """Equations in the order in which the model evaluates them."""
     return _Written(model).equations()
 
 
@@ -60,7 +60,7 @@ class _Written:
         return [self.named(Symbol(name, entry=(k + 1,))) for k in range(size)]
 
     def _readings(self, q: Any) -> list[Equation]:
-        """What sensors read where that is not the quantity itself."""
+        """Readings of sensors that differ from the quantity itself."""
         read = SimpleNamespace(**{name: self.named(Symbol(name)) for name in self.model.outputs})
         for sensor in self.model.sensors:
             for name, value in sensor(read, q).items():
@@ -71,7 +71,7 @@ class _Written:
         return self.made
 
     def _needed(self, quantities: list[Equation], *others: list[Equation]) -> list[Equation]:
-        """Quantities that lead to a derivative or to something read."""
+        """Quantities that influence a derivative or a reading."""
         target = set(self.model.outputs) | {s.name for other in others for e in other for s in symbols(e.right)}
         kept: list[Equation] = []
         for quantity in reversed(quantities):
@@ -81,7 +81,7 @@ class _Written:
         return kept
 
     def _late(self) -> list[Equation]:
-        """Commands and readings that are late."""
+        """Equations of delayed inputs and readings."""
         p = SimpleNamespace(
             **{
                 parameter.name: self._parameter(parameter.name, parameter.shape, parameter.size)
@@ -93,7 +93,7 @@ class _Written:
         return [Equation(late, Call(SHIFTED, (early, self.read(by(p))))) for late, early, by in shifts]
 
     def recorded(self, name: str, value: Casadi) -> Casadi:
-        """A quantity's equation is kept; what comes after it sees its name."""
+        """Record a quantity's equation and return its symbol, which later equations use."""
         right = self.read(value)
         if is_plain(right):
             return value
@@ -101,7 +101,7 @@ class _Written:
         return self.named(Symbol(name))
 
     def relaxed(self, name: str, value: Casadi, q: Any) -> Casadi:
-        """A quantity that follows its value with a lag."""
+        """Record a quantity's first-order lag behind its steady value and return its symbol."""
         time_constant = next(
             relaxation.time_constant for relaxation in self.model.relaxations if relaxation.quantity == name
         )
@@ -109,14 +109,14 @@ class _Written:
         behind = added(self.read(value), Symbol(name), minus=True)
         try:
             lag = self.read(time_constant(q))
-        except AttributeError:  # it depends on what the dynamics assign later
+        except AttributeError:  # depends on quantities that the dynamics assign later
             lag = Symbol(f"tau_{name}")
         self.made.append(Equation(Symbol(name, dots=1), divided(behind, lag)))
         return symbol
 
 
 class _Recorded(NamedQuantities):
-    """Quantities that write down what they are assigned."""
+    """Quantities that record the equations of what they are assigned."""
 
     def __init__(self, written: _Written, x: Namespace, u: Namespace, p: Namespace) -> None:
         model = written.model
@@ -137,7 +137,7 @@ class _Recorded(NamedQuantities):
 
 
 class _Before:
-    """The quantities of the pass before: in the end, the quantities themselves."""
+    """Quantities of the previous pass; at convergence, the quantities themselves."""
 
     def __init__(self, written: _Written) -> None:
         self._written = written

@@ -1,4 +1,4 @@
-"""A model's equations, written down by running them once with CasADi's symbols."""
+"""Equations of a model, derived by evaluating it once with CasADi symbols."""
 
 from __future__ import annotations
 
@@ -37,26 +37,26 @@ TWO = Constant(2.0)
 
 
 class Reader:
-    """Reads CasADi expressions whose symbols are known.
+    """Converts CasADi expressions of known symbols.
 
     Parameters
     ----------
-    known : name of a CasADi symbol -> what it stands for.
+    known : name of a CasADi symbol -> expression that it represents.
     """
 
     def __init__(self, known: Mapping[str, Expression] | None = None) -> None:
         self.known = dict(known or {})
         self._read: dict[int, Expression] = {}
-        self._kept: list[Casadi] = []  # hashes are only unique among nodes that live
+        self._kept: list[Casadi] = []  # hashes are unique only among nodes that still exist
 
     def named(self, expression: Expression, name: str = "") -> Casadi:
-        """A CasADi symbol that stands for an expression."""
+        """A new CasADi symbol that represents an expression."""
         name = name or repr(expression)
         self.known[name] = expression
         return cs.SX.sym(name)
 
     def __call__(self, of: Casadi) -> Expression:
-        """One scalar expression."""
+        """Convert one scalar expression."""
         node = cs.SX(of)
         key = node.element_hash()
         if key not in self._read:
@@ -86,7 +86,7 @@ class Reader:
         return _ELSE[op](*(self(part) for part in parts))
 
     def _cases(self, parts: list[Casadi]) -> Expression | None:
-        """The sum of a value where something holds and one where it does not."""
+        """A sum of values under complementary conditions, as cases; None for any other sum."""
         if not all(part.op() == cs.OP_IF_ELSE_ZERO for part in parts if not part.is_leaf()):
             return None
         if any(part.is_leaf() for part in parts):
@@ -113,11 +113,11 @@ _ELSE: dict[int, Callable[..., Expression]] = {
 
 
 def is_plain(of: Expression) -> bool:
-    """Whether an expression is a mere number or another quantity's name."""
+    """Whether an expression is only a number or the name of a quantity."""
     return isinstance(of, Constant | Symbol) or (isinstance(of, Sum) and not of.terms)
 
 
 @by_kind
 def traced(model: Model) -> tuple[Equation, ...]:
-    """The model's equations with all effects on them; none of kinds that have no way to write them down."""
+    """Equations of the model with all its effects; empty for kinds of models that register no conversion."""
     return ()

@@ -1,6 +1,6 @@
-"""Equations set twice by one walk: for typst, which makes the PDF, and in MathML, which browsers set themselves.
+"""Typesetting of equations in two formats by one traversal: Typst for PDF, MathML for browsers.
 
-Quantities are called as in textbooks where these agree, else as everywhere in the report.
+Symbols are those of textbooks where these agree, and otherwise as elsewhere in the report.
 """
 
 from __future__ import annotations
@@ -28,34 +28,34 @@ from .expression import (
 )
 
 TEXTBOOK = {"yaw_rate": ("ψ", 1), "steer": ("δ", 0), "sideslip": ("β", 0)}
-"""Name -> letter and dots over it."""
+"""Name -> letter and number of dots."""
 SUM, PRODUCT, POWER, ATOM = range(4)
-"""How tightly an expression holds together."""
+"""Precedence of expressions, ascending."""
 TYPST_SIGNS = {"≤": "<=", "≥": ">=", "≠": "!=", "−": "-"}
 
 
 def in_typst(equation: Equation) -> str:
-    """An equation for typst."""
+    """An equation in Typst."""
     return f"{_TYPST.symbol(equation.left)} = {_set(equation.right, _TYPST)}"
 
 
 def in_mathml(equation: Equation) -> str:
-    """An equation as MathML."""
+    """An equation in MathML."""
     inside = f"{_MATHML.symbol(equation.left)}<mo>=</mo>{_set(equation.right, _MATHML)}"
     return f'<math xmlns="http://www.w3.org/1998/Math/MathML" displaystyle="true">{inside}</math>'
 
 
 @dataclass(frozen=True)
 class Letter:
-    """A symbol as it is set.
+    """A symbol ready for typesetting.
 
     Attributes
     ----------
-    body : a letter, or words.
-    slanted : whether it is a letter.
-    index : its parts; numbers and words stand upright.
-    dots : over it.
-    mark : at its upper right.
+    body : letter or words.
+    slanted : whether it is a letter, typeset in italics.
+    index : parts of the index; numbers and words are upright.
+    dots : number of dots.
+    mark : superscript.
     """
 
     body: str
@@ -66,7 +66,7 @@ class Letter:
 
 
 def letter(symbol: Symbol) -> Letter:
-    """How a symbol is set."""
+    """The typeset form of a symbol."""
     entry = tuple(str(k) for k in symbol.entry)
     if symbol.name in TEXTBOOK:
         body, dots = TEXTBOOK[symbol.name]
@@ -78,7 +78,7 @@ def letter(symbol: Symbol) -> Letter:
 
 
 def _binding(of: Expression) -> int:
-    """How tightly an expression holds together."""
+    """Precedence of an expression."""
     match of:
         case Sum() | Comparison() | Cases() | Window():
             return SUM
@@ -92,17 +92,17 @@ def _binding(of: Expression) -> int:
 
 
 def _digits(value: float) -> str:
-    """A number as it is printed in an equation."""
+    """A number with the digits shown in equations."""
     return str(round(value)) if value == round(value) and abs(value) < 1e6 else f"{value:.4g}"
 
 
 def _is_worded(of: Expression) -> bool:
-    """Whether an expression is set in words or digits, which need a dot between them and their neighbours."""
+    """Whether an expression consists of words or digits, which need a dot as the sign of multiplication."""
     return isinstance(of, Constant) or (isinstance(of, Symbol) and not letter(of).slanted)
 
 
 def _plainly(of: Expression) -> Expression:
-    """An expression as it is set: a power of a half is a root, a sum of one positive term that term."""
+    """A simplified expression: a power of 1/2 as a root, a sum of one positive term as that term."""
     if isinstance(of, Power) and of.exponent == Constant(0.5):
         return Call("sqrt", (of.base,))
     if isinstance(of, Sum) and len(of.terms) == 1 and not of.terms[0][0] and not of.left_out:
@@ -111,7 +111,7 @@ def _plainly(of: Expression) -> Expression:
 
 
 def _set(of: Expression, to: _Typst | _MathML, within: int = SUM) -> str:
-    """An expression, in brackets where it holds together less tightly than what it stands in."""
+    """A typeset expression, in brackets if its precedence is lower than that of the expression around it."""
     of = _plainly(of)
     text = _bare(of, to)
     return to.bracketed(text) if _binding(of) < within else text
@@ -161,7 +161,7 @@ def _sum(terms: Sequence[tuple[bool, Expression]], left_out: int, to: _Typst | _
 
 
 class _Typst:
-    """How each part of an expression is written for typst."""
+    """Elements of expressions in Typst."""
 
     dot, thin, dots = "dot.op", "thin", "dots.c"
     accents = ("", "dot", "dot.double", "dot.triple")
@@ -214,7 +214,7 @@ class _Typst:
 
 
 class _MathML:
-    """How each part of an expression is written in MathML."""
+    """Elements of expressions in MathML."""
 
     dot, thin, dots = "<mo>·</mo>", '<mspace width="0.17em"/>', "<mo>⋯</mo>"
     accents = ("", "˙", "¨", "⃛")

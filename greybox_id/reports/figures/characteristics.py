@@ -1,4 +1,4 @@
-"""What a model has learned: tyres, handling, steering, impulse responses, over the density of what was driven."""
+"""Figures of estimated characteristics: tyres, handling, steering, impulse responses, over the density of samples."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ from .sheet import (
 )
 
 WITHIN = (0.001, 0.999)
-"""Quantiles of the samples at which the map ends."""
+"""Quantiles of the samples that bound the map."""
 CELLS = (40, 26)
 TITLES = {"train": "training", "validate": "validation"}
 
 
 def excitation(recordings: Sequence[Seen]) -> Sheet | None:
-    """Densities of samples over v_x and a_y, a panel for each role; None where speed or turning are not recorded."""
+    """Densities of samples over v_x and a_y, a panel per role; None if speed or turning was not recorded."""
     points = {role: driven_points([one.recording for one in of_role(recordings, role)]) for role in TITLES}
     points = {role: point for role, point in points.items() if len(point)}
     if not points:
@@ -64,7 +64,7 @@ def excitation(recordings: Sequence[Seen]) -> Sheet | None:
 
 
 def driven_points(recordings: Sequence[Recording]) -> Array:
-    """(n, 2) speed and lateral acceleration of all samples that hold both; v_x times yaw rate stands for an a_y."""
+    """(n, 2) speed and lateral acceleration of all samples with both; v_x times yaw rate if a_y was not recorded."""
     parts = [np.empty((0, 2))]
     for recording in recordings:
         if "v_x" not in recording:
@@ -80,13 +80,13 @@ def driven_points(recordings: Sequence[Recording]) -> Array:
 AXLES = {"f": "front", "r": "rear"}
 SLIP_POINTS = 41
 REACH_BEYOND = 1.4
-"""Curves reach so many times as far as the slip angles driven."""
+"""Range of the curves relative to that of the slip angles during driving."""
 LEAST_SLIP = 0.02
-"""Slip angle, rad, that curves reach at least."""
+"""Least range of the curves, slip angle in rad."""
 DRIVEN = (0.005, 0.995)
-"""Quantiles of the slip angles driven, between which curves are drawn thick."""
+"""Quantiles of the slip angles during driving that bound the thick part of the curves."""
 ROOM = 2.0
-"""The axis ends at so many times the curves' largest value at most: the band may be wide where nothing was driven."""
+"""Largest range of the axis relative to the curves' largest value: the band may be wide outside the data."""
 
 
 def has_tyres(model: MotionModel) -> bool:
@@ -96,7 +96,7 @@ def has_tyres(model: MotionModel) -> bool:
 
 
 def tyres(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
-    """Both axles' curves with bands of 95 %, over the density of the slip angles driven; None for other models."""
+    """Tyre curves of both axles with 95 % bands, over the density of slip angles; None for models without axles."""
     if not has_tyres(model):
         return None
     speed = typical_speed(recordings)
@@ -127,7 +127,7 @@ def tyres(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Sheet |
 def draw_tyre(
     ax: Axes, fit: Fit, curve: OverSlip, angles: Array, line: Look, words: str | None = None
 ) -> tuple[Array, Array, Array]:
-    """Draw a curve with its 95 % band, which `words` name, and return them."""
+    """Draw a curve with its 95 % band, labelled with `words`, and return both."""
     share, low, high = share_with_band(fit, curve, angles)
     band(ax, angles, low, high, line["color"], words)
     ax.plot(angles, share, **line)
@@ -135,7 +135,7 @@ def draw_tyre(
 
 
 def share_with_band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Array, Array]:
-    """A curve at the estimates, and the ends of its 95 % band, to first order; NaN where no covariance was kept."""
+    """A curve at the estimates and its first-order 95 % band; the band is NaN if the fit has no covariance."""
     model = fit.model
     names = [p.name for p in model.parameters]
     share = curve(angles, model.values)
@@ -156,13 +156,13 @@ def _share(curve: OverSlip, angle: float, names: Sequence[str], p: Namespace) ->
 A_Y, BEYOND = "lateral acceleration v_x · yaw rate [m/s²]", "steer − wheelbase · curvature [rad]"
 TURN_POINTS = 81
 SEEN, SHOWN = (0.005, 0.995), (0.01, 0.99)
-"""Quantiles of what was driven: the curve is thick between the first, the axes end at the second."""
+"""Quantiles of the samples: the curve is thick within the first, the axes end at the second."""
 
 
 def handling(model: MotionModel, recordings: Sequence[Driven]) -> Sheet | None:
-    """The model's steady turns over the density of what was measured; None for models that do not steer.
+    """Steady turns of the model over the density of measured samples; None for models without steering.
 
-    The wheelbase is that of the fit.
+    The wheelbase is the estimate of the fit.
     """
     if not is_steered(model):
         return None
@@ -197,9 +197,9 @@ def is_steered(model: MotionModel) -> bool:
 
 
 def turns_beyond_curvature(model: MotionModel, speed: float, reach: float) -> tuple[Array, Array] | None:
-    """Lateral acceleration, m/s², and steering less wheelbase times curvature, rad, in steady turns to both sides.
+    """Lateral acceleration, m/s², and steering minus wheelbase times curvature, rad, in steady turns to both sides.
 
-    None where there are none.
+    None if there are no steady turns.
     """
     angles = np.linspace(0.0, reach, TURN_POINTS)
     sides = [steady_turns(model, side * angles, speed) for side in (-1.0, 1.0)]
@@ -211,7 +211,7 @@ def turns_beyond_curvature(model: MotionModel, speed: float, reach: float) -> tu
 
 
 def _measured(recordings: Sequence[Driven]) -> tuple[Array, Array, Array]:
-    """Steering angle, speed and yaw rate at the samples that hold all three and move."""
+    """Steering angle, speed and yaw rate of samples that have all three and are moving."""
     target = ("steer", "v_x", "yaw_rate")
     held = [one.recording for one in recordings if all(name in one.recording for name in target)]
     table = np.vstack([np.empty((0, 3)), *(np.column_stack([r[name] for name in target]) for r in held)])
@@ -223,13 +223,13 @@ def _measured(recordings: Sequence[Driven]) -> tuple[Array, Array, Array]:
 
 BINS = 60
 REACH = 0.998
-"""Of the samples, in both directions."""
+"""Share of the samples within the axes, in both directions."""
 KILO = 1000.0
-"""Forces from here on, N, are drawn in kN."""
+"""Largest force, N, from which forces are drawn in kN."""
 
 
 def forces_over_slip(values: Mapping[str, Array]) -> Sheet | None:
-    """One panel for each axle; None for models without axle forces and slip angles."""
+    """Estimated axle forces over slip angles, a panel per axle; None for models without these."""
     target = [f"{kind}{axle}" for kind in ("alpha_", "F_y") for axle in AXLES]
     if not all(name in values for name in target):
         return None
@@ -249,7 +249,7 @@ def forces_over_slip(values: Mapping[str, Array]) -> Sheet | None:
 
 
 def _medians(slip: Array, force: Array, reach: float) -> tuple[Array, Array]:
-    """Median force in bins of slip that hold enough samples."""
+    """Median force in bins of slip with enough samples."""
     edges = np.linspace(-reach, reach, BINS // 2 + 1)
     number = np.digitize(slip, edges) - 1
     middle, median = [], []
@@ -262,14 +262,14 @@ def _medians(slip: Array, force: Array, reach: float) -> tuple[Array, Array]:
 
 
 QUANTILES = (0.1, 0.95)
-"""Of the speeds driven, between which the characteristic is drawn at three."""
+"""Quantiles of the speed between which the characteristic is drawn at three speeds."""
 SAME_SPEED = 0.15
-"""A recorded sample counts as of a speed when it is within this share of it."""
+"""Relative difference up to which a sample counts as recorded at a speed."""
 SEEN_AT_SPEED = (0.005, 0.995)
-"""Quantiles of the angles driven at a speed; the characteristic is drawn thin beyond them."""
+"""Quantiles of the steering angles at a speed; the characteristic is drawn thin outside them."""
 STEERING_POINTS = 161
 ROUNDS = 30
-"""Rounds in which inputs that follow from the outputs settle."""
+"""Iterations for inputs that follow from the outputs."""
 
 
 def has_steering(model: Model) -> bool:
@@ -278,7 +278,7 @@ def has_steering(model: Model) -> bool:
 
 
 def steering(model: MemoryModel, recordings: Sequence[Seen]) -> Sheet | None:
-    """The model's quasi steady state over the density of what was measured; None for a model that has none."""
+    """Quasi-steady state of the model over the density of measured samples; None for models without one."""
     if not has_steering(model):
         return None
     v_x, steer, yaw_rate = (
@@ -313,7 +313,7 @@ def steering(model: MemoryModel, recordings: Sequence[Seen]) -> Sheet | None:
 
 
 def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
-    """Yaw rate at constant inputs, held over the whole window, without longitudinal acceleration.
+    """Yaw rate at inputs that are constant over the whole window, without longitudinal acceleration.
 
     Parameters
     ----------
@@ -323,8 +323,8 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
 
     Returns
     -------
-    (n,) rad/s. Inputs besides v_x, steer and a_x = 0 follow from the outputs where the model says how; the others
-    are at the model's default, else zero.
+    (n,) rad/s. Inputs other than v_x, steer and a_x = 0 follow from the outputs if the model defines how; the others
+    are at the model's default, or zero.
     """
     model, p = trace.model, trace.model.values
     u = np.zeros((len(steer), len(model.inputs)))
@@ -344,11 +344,11 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
 
 COLUMNS = 3
 MOST_PANELS = 6
-"""A parameter of more responses than this (a network's first layer) has them all in one panel, without bands."""
+"""Most responses of a parameter in panels of their own; more (a network's first layer) share one without bands."""
 
 
 def responses(model: MemoryModel) -> tuple[Parameter, ...]:
-    """The parameters whose entries along the last axis are the weights of windows, oldest sample first."""
+    """The parameters whose last axis contains the weights of a window, oldest sample first."""
     trace = Trace(model)
     by_p = trace.weights_by_p
     lag_of = dict(zip(by_p.column.tolist(), (by_p.row % trace.memory).tolist(), strict=True))
@@ -364,7 +364,7 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
 
 
 def impulse_responses(model: MemoryModel, fit: Fit) -> Sheet | None:
-    """One panel per response, weights over age with a band of one standard deviation; None if the model has none."""
+    """Weights over age with a band of one standard deviation, a panel per response; None if the model has none."""
     shown = [
         (parameter, rows)
         for parameter in responses(model)
@@ -400,7 +400,7 @@ def _draw(ax: Axes, fit: Fit, step: float, parameter: Parameter, rows: list[tupl
 
 
 def _title(parameter: Parameter, index: tuple[int, ...]) -> str:
-    """Where the local model stands that a response belongs to, else its number."""
+    """Centre of the local model that a response belongs to, or its indices."""
     if index and len(parameter.axes) == len(index):
         return ", ".join(
             f"{symbol(name)} = {quantity(centres[k], SIGNALS[name].unit)}"

@@ -1,4 +1,4 @@
-"""Estimates of a fit: which stand for each other, draws of their posterior, how the solver and other starts ended."""
+"""Figures of a fit's estimates: correlations, draws of the posterior, convergence, and ends of the starts."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from ...models.parameter import free_places
 from .sheet import BLUE, INK, ORANGE, SMALL, WIDE, Sheet, cells, look, shades, symbol
 
 CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
-"""Side of a cell, and height of the whole picture, points, at least and at most."""
+"""Side of a cell, and least and largest height of the figure, points."""
 FEWEST = 3
-"""Parameters that make a picture; a pair that is told together is named anyway."""
+"""Least number of parameters for a figure; a single correlated pair is named in the text."""
 WRITTEN = 0.1
-"""Correlations smaller than this are left unwritten."""
+"""Smallest correlation with a printed number."""
 MOST_WRITTEN = 20
-"""With more parameters than this, cells are too small for numbers and hold signs."""
+"""With this number of parameters or more, cells are too small for numbers and contain only signs."""
 LONGEST_LEVEL = 4
-"""Longer names below the cells are turned."""
+"""Longest names below cells, in characters, that are not rotated."""
 MARGINS = 160.0
-"""Points beside the cells, for names and the scale."""
+"""Space beside the cells, for names and scale, points."""
 
 
 def correlations(fit: Fit) -> tuple[list[str], Array]:
-    """Names of the single numbers that were estimated, and their correlations, (names, names)."""
+    """Names of the estimated scalar parameters, and their correlations, (names, names)."""
     if fit.covariance is None:
         return [], np.empty((0, 0))
     variance = np.diag(fit.covariance)
@@ -40,12 +40,12 @@ def correlations(fit: Fit) -> tuple[list[str], Array]:
 
 
 def correlation(fit: Fit) -> Sheet | None:
-    """The lower triangle of the correlations as a picture, with their numbers; None with too few of them.
+    """The lower triangle of the correlations with numbers; None if there are too few parameters.
 
-    The numbers say the signs to those who see no colours.
+    The numbers include the sign for readers who cannot see the colours.
     """
     names, matrix = correlations(fit)
-    n = len(names) - 1  # the first has no row, the last no column: nothing but ones on the diagonal
+    n = len(names) - 1  # without the diagonal, the first has no row and the last no column
     if len(names) < FEWEST:
         return None
     height = min(max(CELL * n, SMALLEST), LARGEST)
@@ -79,18 +79,18 @@ def _written(value: float, n: int) -> str:
 BINS = 25
 WITH_FORM, NOISE_ALONE = "with the error of the model's form", "noise alone"
 ALIKE_DRAWS = 1e-3
-"""Draws that differ by a smaller share look the same."""
+"""Relative difference below which draws look the same."""
 CORNER = 92.0
-"""Height of a cell at most, points."""
+"""Largest height of a cell, points."""
 
 
 def corner(values: Array, noise_alone: Array, names: Sequence[str], units: Sequence[str]) -> Sheet:
-    """Histograms on the diagonal, pairs below it.
+    """Histograms on the diagonal, scatter plots of pairs below it.
 
     Parameters
     ----------
-    values : (draws, parameters), all of the same weight.
-    noise_alone : (draws, parameters) without the error of the form; drawn where it differs.
+    values : (draws, parameters), equally weighted.
+    noise_alone : (draws, parameters) without model error; drawn if different.
     names, units : of the parameters.
     """
     size, differs = len(names), not np.allclose(values, noise_alone, rtol=ALIKE_DRAWS, atol=0.0)
@@ -124,14 +124,14 @@ def corner(values: Array, noise_alone: Array, names: Sequence[str], units: Seque
 
 
 FEWEST_STEPS = 4
-"""Steps that make a picture."""
+"""Least number of steps for a figure."""
 ALIKE = 0.1
-"""Objectives that differ by less than so many percent are not to look different."""
+"""Least range of the axis for objectives, in percent above the best, so that equal ones look equal."""
 MOST_TICKS = 8
 
 
 def convergence(stage: Stage) -> Sheet | None:
-    """The objective over the steps, above the best; beside it that of every start. None where neither is much."""
+    """The objective above its best value, over the steps and for every start; None if there are too few of both."""
     best = min([*stage.history, stage.starts[0], *([stage.certificate.objective_after] if stage.certificate else [])])
     above = np.array(stage.history) - best
     steps = np.flatnonzero(above > 0)
@@ -162,15 +162,15 @@ def _whole(first: int, last: int) -> range:
 
 
 SAME_OBJECTIVE = 1e-3
-"""Starts whose objective is within this share of the best count as having found the same."""
+"""Relative difference of objectives up to which starts count as having reached the best one."""
 REACH = 6.0
-"""Standard deviations drawn; what is further off lies at the edge, beside an arrow."""
+"""Range of the axis in standard deviations; ends further away are drawn at its edge with an arrow."""
 ROW, MOST = 13.0, 24
-"""Points per parameter, and parameters drawn: those that starts spread most."""
+"""Height per parameter, points, and most parameters drawn: those with the largest spread between starts."""
 
 
 def starts(fit: Fit, stage: Stage) -> Sheet | None:
-    """Where each start ended, in standard deviations from the estimate, row by row; None for one start."""
+    """The end of each start in standard deviations from the estimate, a row per parameter; None for a single start."""
     result = spread_of(fit, stage)
     if not result:
         return None
@@ -197,14 +197,14 @@ def starts(fit: Fit, stage: Stage) -> Sheet | None:
 
 
 def same_as_best(stage: Stage) -> list[bool]:
-    """Of every start, whether its objective is that of the best."""
+    """Whether each start reached the best objective."""
     best = min(stage.starts)
     return [abs(start - best) <= SAME_OBJECTIVE * abs(best) for start in stage.starts]
 
 
 def spread_of(fit: Fit, stage: Stage) -> dict[str, list[tuple[float, bool]]]:
-    """Free numbers with a standard deviation -> of every start, where it ended beside the estimate, in standard
-    deviations, and whether its objective is that of the best; empty for a single start.
+    """Free scalar parameter with a standard deviation -> for every start, its end relative to the estimate in standard
+    deviations, and whether it reached the best objective; empty for a single start.
     """
     result = {}
     for name in stage.ended_at[0] if len(stage.ended_at) > 1 else ():

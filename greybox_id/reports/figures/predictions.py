@@ -1,4 +1,4 @@
-"""What a model predicts beside what was measured: over time, errors, horizons, residuals and their spectra."""
+"""Figures of predictions and measurements: traces, errors, horizons, residual correlations and spectra."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from .sheet import (
 )
 
 DRAWN_HORIZON = 0.5
-"""Of all horizons, s, the one that is drawn beside the free run."""
+"""Horizon that is drawn in addition to the free run, s."""
 
 PROTOCOL_LINES = {
     "honest": look(ORANGE, 1.0, "one sample ahead"),
@@ -48,22 +48,22 @@ PROTOCOL_LINES = {
     ahead(DRAWN_HORIZON): look(ORANGE, 1.0, ahead(DRAWN_HORIZON)),
     FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
 }
-"""By protocol of `greybox_id.fitting.scores.metrics`."""
+"""Protocol of `greybox_id.fitting.scores.metrics` -> line."""
 TALL, TALLEST, LOW = 130.0, 400.0, 62.0
-"""Height of one output's panels, points; of all panels, at most; of one output's panels then, at least."""
+"""Height of the panels of one output, largest height of all panels, and then least height per output, points."""
 GAP = 1.5
-"""Lines break where the step between rows is more than so many times the usual one."""
+"""Lines break at steps between rows that are larger than this multiple of the median step."""
 DENSE = 0.5
-"""What is read in a larger share of the rows is drawn as a line, with its gaps; else as dots."""
+"""Share of rows with readings above which a signal is drawn as a line with gaps, and otherwise as dots."""
 
 
 def traces(one: Seen, tallest: float = TALLEST) -> Sheet:
-    """Every output over a typical stretch of a recording: measured, predicted under each protocol, and residuals.
+    """Every output over a typical stretch of a recording: measured, predicted in each protocol, and residuals.
 
     Parameters
     ----------
     one : the recording.
-    tallest : height of all panels together, points, if letters leave room for it.
+    tallest : height of all panels, points, unless labels need more.
     """
     start, stop = typical_stretch(one)
     each = max(min(TALL, tallest / len(one.outputs)), LOW)
@@ -78,18 +78,18 @@ def traces(one: Seen, tallest: float = TALLEST) -> Sheet:
 
 
 def _stacked(words: str) -> str:
-    """A label with its unit on a line of its own: panels are low."""
+    """A label with its unit on a separate line, since panels are low."""
     return words.replace(" [", "\n[")
 
 
 def _trace(above: Axes, below: Axes, one: Seen, k: int, start: int, stop: int) -> float:
-    """Draw what was read and predicted of one output, and the errors; the largest of these."""
+    """Draw measurement, predictions and errors of one output; returns the largest error."""
     read = one.recording[one.outputs[k]][start:stop]
     above.plot(one.recording.time[start:stop], read, **MEASURED | _dotted(read))
     below.axhline(0.0, **ZERO)
     largest = 0.0
     for protocol, prediction in one.predicted.items():
-        if protocol not in PROTOCOL_LINES or protocol == "published":  # the latter: the same but for the joins
+        if protocol not in PROTOCOL_LINES or protocol == "published":  # the latter differs only where runs meet
             continue
         line = PROTOCOL_LINES[protocol]
         inside = (prediction.rows >= start) & (prediction.rows < stop)
@@ -103,7 +103,7 @@ def _trace(above: Axes, below: Axes, one: Seen, k: int, start: int, stop: int) -
 
 
 def _dotted(read: Array) -> Look:
-    """Dots instead of a line for what was read now and then."""
+    """Dots instead of a line for sparse readings."""
     return (
         {}
         if np.mean(np.isfinite(read)) > DENSE
@@ -112,22 +112,22 @@ def _dotted(read: Array) -> Look:
 
 
 def _with_gaps(rows: Index, at: Array, values: Array) -> tuple[Array, Array]:
-    """Times and values with a gap where rows are left out that usually are there."""
+    """Times and values with NaN inserted where rows are missing."""
     steps = np.diff(rows)
     gaps = np.flatnonzero(steps > GAP * np.median(steps)) + 1 if len(steps) else np.empty(0, dtype=np.intp)
     return np.insert(at, gaps, np.nan), np.insert(values, gaps, np.nan)
 
 
 MOST_RUNS = 6
-"""A recording of more runs is shown as a whole only."""
+"""Most runs of a recording that are shown separately."""
 WIDE, APART = 0.19, 0.24
-"""Of a box, and between boxes of one group."""
+"""Width of a box, and distance between boxes of one group."""
 
 _ROLES = {"train": "training", "validate": "validation"}
 
 
 def errors(fit: Fit, recordings: Sequence[Seen]) -> Sheet:
-    """Prediction minus measurement; boxes hold half of the samples, whiskers 95 % of them."""
+    """Prediction minus measurement; boxes contain half of the samples, whiskers 95 %."""
     groups = _groups(recordings)
     sheet = Sheet((84.0,) * len(fit.model.outputs), joined=True)
     for k, (ax, name) in enumerate(zip(sheet.grid[:, 0], fit.model.outputs, strict=True)):
@@ -159,7 +159,7 @@ def _boxes(ax: Axes, recordings: Sequence[Seen], groups: Groups, output: int) ->
 
 
 def _groups(recordings: Sequence[Seen]) -> Groups:
-    """Words under the boxes, recording, and number of the run or None for the whole recording."""
+    """Label, recording, and number of the run or None for the whole recording, of each group of boxes."""
     groups: list[tuple[str, Seen, int | None]] = []
     for one in recordings:
         groups.append((f"{_ROLES.get(one.role, one.role)},\nall runs", one, None))
@@ -177,13 +177,13 @@ def _residuals(one: Seen, protocol: str, run: int | None, output: int) -> Array:
 
 
 ONE_ROW, COLUMNS = 4, 3
-"""So many panels stand in one row; of more, so many do."""
+"""Most panels in a single row, and panels per row otherwise."""
 
 LINES = {
     "train": look(BLUE, 0.9, "model, training", dashes=DASHED, dots=1.6),
     "validate": look(BLUE, 1.5, "model, validation", dots=1.6),
 }
-"""By role."""
+"""Role -> line."""
 HELD = {
     "train": look(ORANGE, 0.9, "persistence, training", dashes=DASHED, dots=1.6),
     "validate": look(ORANGE, 1.5, "persistence, validation", dots=1.6),
@@ -194,11 +194,11 @@ Scores = Mapping[str, Mapping[str, Mapping[str, Any]]]
 
 
 def horizons(model: Model, outputs: Sequence[str], value: Scores, held: Scores, noise: Mapping[str, float]) -> Sheet:
-    """A panel for each output: RMSE with its standard error over the horizon, and in free run.
+    """RMSE with its standard error over the horizon and in free run, a panel per output.
 
     Parameters
     ----------
-    model, outputs : whose; outputs in order.
+    model, outputs : the model, and its outputs in order.
     value, held : errors of the model and of persistence.
     noise : output -> standard deviation of the residuals of the fit.
     """
@@ -221,7 +221,7 @@ def horizons(model: Model, outputs: Sequence[str], value: Scores, held: Scores, 
 def _over_horizons(
     ax: Axes, scores: Mapping[str, Mapping[str, Any]], protocols: Sequence[str], name: str, line: Look
 ) -> None:
-    """One curve over the horizons, the free run apart from it."""
+    """One curve over the horizons, with a separate point for the free run."""
     at = np.array([k for k, protocol in enumerate(protocols) if name in scores.get(protocol, {})], dtype=float)
     errors = [scores[protocols[int(k)]][name] for k in at]
     rmse = np.array([error["rmse"] for error in errors])
@@ -237,19 +237,19 @@ def _tick(protocol: str) -> str:
 
 
 SECONDS, MOST = 2.0, 200
-"""Lags reach so far, in so many samples at most."""
+"""Largest lag, s, and most lags in samples."""
 SHORTEST = 8
-"""Rows without a gap that count."""
+"""Least number of rows of a stretch without gap."""
 MOST_INPUTS = 2
 
 Parts = list[tuple[Array, Array]]
 
 
 def residual_correlations(one: Seen, inputs: Sequence[str]) -> Sheet | None:
-    """For each output, correlations of its residuals over lags, and with inputs; None where stretches are too short.
+    """Correlations of each output's residuals over lags, and with inputs; None if stretches are too short.
 
-    Bands hold 95 % of the correlations of two unrelated signals; of residuals with inputs they allow for the
-    correlation of each with itself (Bartlett).
+    Bands contain 95 % of the correlations of two unrelated signals; for residuals with inputs they allow for the
+    autocorrelation of both (Bartlett).
     """
     step = one.recording.sample_time
     most = max(2, min(round(SECONDS / step), MOST))
@@ -272,7 +272,7 @@ def residual_correlations(one: Seen, inputs: Sequence[str]) -> Sheet | None:
 
 
 def _protocols(one: Seen, k: int) -> dict[str, Parts]:
-    """Of every protocol that is drawn, the stretches of an output's residuals."""
+    """Protocol -> stretches of an output's residuals, for protocols that are drawn."""
     result = {protocol: _parts(one, protocol, k, None) for protocol in PROTOCOL_LINES if protocol != "published"}
     return {protocol: parts for protocol, parts in result.items() if parts}
 
@@ -288,7 +288,7 @@ def _with_itself(ax: Axes, result: dict[str, Parts], lags: Array) -> None:
 
 
 def _with_input(ax: Axes, one: Seen, k: int, name: str, lags: Array) -> None:
-    """Residuals of the main protocol after (right of zero) and before an input."""
+    """Correlation of residuals of the main protocol with an input; at lags right of zero they follow the input."""
     parts, most = _parts(one, one.main, k, name), len(lags) - 1
     ax.axhline(0.0, **ZERO)
     ax.axvline(0.0, **look(INK, 0.4))
@@ -303,14 +303,14 @@ def _with_input(ax: Axes, one: Seen, k: int, name: str, lags: Array) -> None:
 
 
 def _bartlett(parts: Parts, most: int) -> float:
-    """Standard deviation of the correlation of two unrelated signals, each correlated with itself."""
+    """Standard deviation of the correlation of two unrelated signals, each of them autocorrelated."""
     value = correlation([(a, a) for a, _ in parts], most) * correlation([(b, b) for _, b in parts], most)
     counted = sum(len(a) for a, _ in parts)
     return float(np.sqrt(max(1.0 + 2.0 * np.nansum(value[1:]), 1.0) / counted))
 
 
 def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
-    """Unbroken stretches of residuals, beside themselves or an input."""
+    """Stretches of residuals without gap, paired with themselves or an input."""
     if protocol not in one.predicted:
         return []
     result = one.predicted[protocol]
@@ -322,18 +322,18 @@ def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
 
 
 LONGEST = 256
-"""Samples of a Hamming window, as in the papers; shorter where the runs are."""
+"""Longest Hamming window, samples, as in the papers; shorter if the runs are."""
 SHORTEST_PART = 16
-"""Samples without a gap that a spectrum takes at least."""
+"""Least number of samples of a stretch for a spectrum."""
 BELOW = 0.01
-"""How far below the median of the lowest curve the axis reaches: a filtered channel falls without end."""
+"""End of the axis relative to the median of the lowest curve: the spectrum of a filtered channel has no lower limit."""
 
 
 def spectrum(one: Seen, noise: Noise | None) -> Sheet | None:
-    """Spectra of every output of one recording, and of its noise where there is any to be heard.
+    """Spectra of every output of one recording, and of its noise if measured.
 
-    Welch's method within unbroken stretches of readings, Hamming windows that overlap by half; no window crosses a
-    gap. None where no stretch is long enough.
+    Welch's method within stretches of readings without gap, Hamming windows that overlap by half. None if no stretch
+    is long enough.
     """
     rate = 1.0 / one.recording.sample_time
     main = one.predicted[one.main]
@@ -352,19 +352,19 @@ def _densities(ax: Axes, one: Seen, k: int, noise: Noise | None, rate: float) ->
     for line, parts in _curves(one, k, noise):
         frequency, density = psd(parts, rate)
         typical = float(np.median(density[1:]))
-        if typical * BELOW > np.finfo(float).tiny:  # a channel that stands still has none
+        if typical * BELOW > np.finfo(float).tiny:  # a constant channel has no spectrum
             ax.plot(frequency[1:], density[1:], **line)
             lowest = min(lowest, typical)
     unit = pretty_unit(one.recording.unit(one.outputs[k]))
     ax.set(
         xlabel="frequency [Hz]", ylabel=f"PSD of {symbol(one.outputs[k])} [({unit})²/Hz]", xscale="log", yscale="log"
     )
-    ax.set_xlim(right=round(rate / 2, 6))  # a tick at its end is within
+    ax.set_xlim(right=round(rate / 2, 6))  # includes a tick at the end
     ax.set_ylim(bottom=lowest * BELOW if np.isfinite(lowest) else None)
 
 
 def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence[Array]]]:
-    """The curves of one output: look, and unbroken stretches of values."""
+    """The curves of one output: line and stretches of values without gap."""
     first = one.predicted[one.main] if "honest" not in one.predicted else one.predicted["honest"]
     curves: list[tuple[Look, Sequence[Array]]] = [(MEASURED, _unbroken(first, first.measured[:, k]))]
     for protocol, item in one.predicted.items():
@@ -378,16 +378,17 @@ def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence
 
 
 def _unbroken(of: Prediction, values: Array) -> list[Array]:
-    """Stretches of finite values in neighbouring rows of one run, those long enough."""
+    """Stretches of finite values in consecutive rows of one run that are long enough."""
     known = np.flatnonzero(np.isfinite(values))
     stretches = np.split(known, breaks(of.rows[known], of.run[known]))
     return [values[part] for part in stretches if len(part) >= SHORTEST_PART]
 
 
 def psd(parts: Sequence[Array], rate: float) -> tuple[Array, Array]:
-    """Welch's spectrum averaged over unbroken parts: frequency in Hz, one-sided density per Hz.
+    """Welch's spectrum averaged over stretches: frequency in Hz, one-sided density per Hz.
 
-    The window is the longest power of two that half the parts' samples can fill; shorter parts are left out.
+    The window is the largest power of two such that stretches of at least its length contain half of the samples;
+    shorter stretches are left out.
     """
     lengths = np.sort([len(part) for part in parts])[::-1]
     filled = lengths[np.searchsorted(np.cumsum(lengths), lengths.sum() / 2)]

@@ -1,12 +1,12 @@
-"""Axes of a report's figure: a matplotlib figure as wide as the page, laid out by its letters, written as SVG.
+"""Figures of a report: matplotlib figures of page width, laid out by the size of their text, written as SVG.
 
-Letters of the SVG are text, set in the type of the page it stands on; matplotlib measures them in one that is as wide.
+Text in the SVG is set in the font of the page that contains it; matplotlib measures it in a font of similar width.
 
-What figures share: colours, how levels of a quantity are told apart, labels with units.
+Shared elements of figures: colours, line styles, and labels with units.
 
-Colours are from Okabe and Ito's palette and differ in lightness as well as in hue, and every curve has a line style of
-its own, so that a figure can be read by everybody and on a grey printer. A look is matplotlib's keywords of a line; its
-label stands in the legend.
+Colours are from Okabe and Ito's palette and differ in lightness as well as in hue, and each curve has its own line
+style, so that figures are readable for all and in greyscale. A look is a dictionary of matplotlib's keywords of a line;
+its label appears in the legend.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ DARK = {
     "ink": "#ececec", "pale": "#9a9a9a", "faint": "#3a3d42", "blue": "#4a9fd8", "sky": "#2f86bd", "orange": "#f0b429",
     "rust": "#e08a5a", "purple": "#c99bd8", "night": "#d9e6ff",
 }  # fmt: skip
-"""The same colours on dark paper."""
+"""The same colours on a dark background."""
 SIZE, SMALL = 8.6, 7.8
-"""Of labels, and of ticks, points."""
+"""Font size of labels and of ticks, points."""
 DASHED: Any = (0.0, (5.0, 2.0))
 DOTTED: Any = (0.0, (1.0, 2.0))
 CHAIN: Any = (0.0, (6.0, 2.0, 1.2, 2.0))
@@ -67,7 +67,7 @@ Look = dict[str, Any]
 
 
 def look(colour: str, width: float = 1.1, label: str | None = None, *, dashes: Any = "-", dots: float = 0.0) -> Look:
-    """Keywords of a line: its colour, width and the radius of dots on it, points, dashes and label in the legend."""
+    """Keywords of a line: colour, width and radius of its dots in points, dashes, and label in the legend."""
     look: Look = {"color": colour, "linewidth": width, "linestyle": dashes, "label": label}
     return look | ({"marker": "o", "markersize": 2 * dots, "markeredgewidth": 0.0} if dots else {})
 
@@ -75,13 +75,13 @@ def look(colour: str, width: float = 1.1, label: str | None = None, *, dashes: A
 MEASURED = look(INK, 1.2, "measured")
 NOISE = look(PALE, 1.3, "noise", dashes=CHAIN)
 ZERO = look(INK, 0.6)
-"""A line across the axes."""
+"""Zero line of the axes."""
 LEVELS = (look(SKY), look(BLUE, dashes=DASHED), look(NIGHT, dashes=CHAIN))
-"""An ordered quantity, low to high."""
+"""Lines for levels of an ordered quantity, low to high."""
 
 
 def symbol(name: str) -> str:
-    """A signal's or parameter's name in a figure: yaw_rate in words, a_x left to be set as a symbol."""
+    """Name of a signal or parameter in a figure: yaw_rate as words, a_x unchanged, to be typeset as a symbol."""
     if name in SIGNALS and not spans(name)[0].symbol:
         return name.replace("_", " ")
     return name if spans(name)[0].symbol or len(name) == 1 else name.replace("_", " ")
@@ -93,29 +93,29 @@ def label(name: str, unit: str) -> str:
 
 
 def signal_label(recording: Recording, name: str) -> str:
-    """An axis label of a signal of a recording."""
+    """Axis label for a signal of a recording."""
     return label(name, recording.unit(name))
 
 
 WIDE = 497.0
-"""Width of a figure, points: the text width of the report, so that letters keep their size."""
+"""Width of a figure, points: the text width of the report, so that text is not scaled."""
 GUTTER, EDGE = 9.0, 5.0
-"""Room between axes and at the edges, points."""
+"""Space between axes and at the edges, points."""
 SPACING = {"x": 38.0, "y": 21.0}
-"""Points between ticks at least."""
+"""Least distance between ticks, points."""
 FEW = 200.0
-"""A logarithmic axis of a smaller ratio of its ends has ticks between the powers of ten."""
+"""Ratio of the ends of a logarithmic axis below which it has ticks between the powers of ten."""
 SHADES = 12
-"""Shades of a map: cells of one shade are one path."""
+"""Number of shades of a map; cells of one shade are drawn as one path."""
 FAMILY = "'Libertinus Serif','STIX Two Text','Times New Roman',Times,serif"
 ADJUSTED = 0.43
-"""Height of the first family's small letters, of their size: another that stands in for it is set as small, since the
-layout knows how wide these letters are."""
+"""x-height of the first font in relation to its size; a substitute is scaled to the same, since the layout is based on
+the widths of this font."""
 WIDER = 1.055
-"""How much wider words may be in the first family than in the type that measures them: at most 1.054 for effects'
-names, less than one for numbers, as Typst measures both."""
+"""Largest ratio of the width of words in the first font to that in the font that measures them: at most 1.054 for
+effects' names, less than one for numbers, measured with Typst."""
 LOWERED, INDEX = 0.22, 0.72
-"""How far below the line an index stands, and how large it is, of the letters' size."""
+"""Depth of an index below the baseline and its size, relative to the font size."""
 STYLE: dict[Any, Any] = {
     **{name: value for name, value in rcParamsDefault.items() if not name.startswith(("backend", "interactive"))},
     "axes.axisbelow": True, "axes.edgecolor": PALE, "axes.grid": True, "axes.labelcolor": INK, "axes.labelpad": 2.0,
@@ -132,13 +132,13 @@ STYLE: dict[Any, Any] = {
         ("major.width", 0.6), ("minor.size", 0.0),
     )},
 }  # fmt: skip
-"""Over matplotlib's own defaults, whatever a user has set: the same figure everywhere."""
+"""Replaces matplotlib's settings, including the user's, so that figures are reproducible."""
 _NO_METADATA = dict.fromkeys(("Creator", "Date", "Format", "Type"))
 _TEXT = re.compile(r'<text style="font-size: ([\d.]+)px;(.*?)"(.*?)>(.*?)</text>', re.DOTALL)
 
 
 def _renderer(figure: Figure | SubFigure | None) -> RendererAgg:
-    """What says how large letters are; every figure here is drawn by Agg."""
+    """The renderer that measures text; figures are drawn by Agg."""
     assert figure is not None
     return cast(RendererAgg, cast(Any, figure.canvas).get_renderer())
 
@@ -148,16 +148,16 @@ def _style() -> AbstractContextManager[None]:
 
 
 class Sheet(Figure):
-    """Axes in rows and columns.
+    """A figure with axes in rows and columns.
 
     Parameters
     ----------
-    heights : of each row's axes, points, without their letters.
-    columns : how many.
-    widths : of the columns, relative to one another; all alike unless given.
-    joined : axes below one another share their x axis, which is written once.
+    heights : of the axes in each row, points, without labels.
+    columns : number of columns.
+    widths : of the columns, relative to each other; equal by default.
+    joined : whether axes in a column share their x axis, with labels below the last only.
 
-    Axes that are removed leave their place in the grid empty.
+    Removed axes leave an empty place in the grid.
     """
 
     def __init__(
@@ -166,9 +166,9 @@ class Sheet(Figure):
         self.heights, self.shares, self.joined = tuple(heights), tuple(widths or (1.0,) * columns), joined
         with _style():
             super().__init__(figsize=(WIDE / 72, sum(heights) / 72 + 1.0), dpi=72)
-            FigureCanvasAgg(self)  # measures
+            FigureCanvasAgg(self)  # measures text
             axes = self.subplots(len(heights), columns, squeeze=False, sharex="col" if joined else False)
-            self._rows: list[list[Axes]] = axes.tolist()  # an array is no part of cycles that can be collected
+            self._rows: list[list[Axes]] = axes.tolist()  # an array in a reference cycle cannot be garbage-collected
             for (row, column), ax in np.ndenumerate(self.grid):
                 wide = 0.85 * WIDE * self.shares[column] / sum(self.shares)
                 for axis, length in ((ax.xaxis, wide), (ax.yaxis, heights[row])):
@@ -186,7 +186,7 @@ class Sheet(Figure):
         return axes
 
     def lay_out(self) -> None:
-        """Place the axes so that their letters have room, and set the height that all need."""
+        """Place the axes with space for their labels, and set the height of the figure accordingly."""
         kept = self.grid.copy()
         for place, ax in np.ndenumerate(self.grid):
             kept[place] = ax if ax in self.axes else None
@@ -205,7 +205,7 @@ class Sheet(Figure):
         self._place(kept, x, wide, y, float(y[-1] + self.heights[-1] + below[-1]))
 
     def svg(self, alt: str = "", *, colours: bool = True) -> str:
-        """The figure as one SVG element; without colours their names stand for them, as CSS variables of the page."""
+        """The figure as one SVG element; with `colours` false, colours are CSS variables of the page."""
         body = self._body
         if not colours:
             for name, item in LIGHT.items():
@@ -220,12 +220,12 @@ class Sheet(Figure):
         )
 
     def _repr_html_(self) -> str:
-        """The figure in a notebook, and on the pages of the gallery."""
+        """The figure in a notebook and in the gallery."""
         return self.svg()
 
     @cached_property
     def _body(self) -> str:
-        """What is inside the SVG element."""
+        """Content of the SVG element."""
         drawn = io.StringIO()
         with _style():
             self.lay_out()
@@ -246,7 +246,7 @@ class Sheet(Figure):
                 ax.apply_aspect()
 
     def _margins(self, ax: Axes) -> tuple[float, float, float, float]:
-        """Points that letters take left, right, above and below of axes."""
+        """Space for the labels of axes, in points: left, right, above and below."""
         renderer = _renderer(self)
         boxes = [ax.bbox]
         if ax.axison:
@@ -269,7 +269,7 @@ class Sheet(Figure):
         return WIDER * left + 1.0, max(right, EDGE), max(above, EDGE), below + (3.0 if last else 1.0)
 
     def _legend(self) -> float:
-        """Draw it above all axes, in as many lines as it takes; its height."""
+        """Draw the legend above all axes, in as many lines as necessary; returns its height."""
         for old in self.legends:
             old.remove()
         known: dict[str, Any] = {}
@@ -288,7 +288,7 @@ class Sheet(Figure):
 
 
 def sheet_of(count: int, columns: int, height: float) -> tuple[Sheet, list[Axes]]:
-    """A sheet with so many axes in so many columns, row by row."""
+    """A sheet with `count` axes in at most this many columns, row by row."""
     columns = min(columns, max(1, count))
     sheet = Sheet((height,) * (-(-count // columns)), columns)
     axes = list(sheet.grid.flat)
@@ -298,7 +298,7 @@ def sheet_of(count: int, columns: int, height: float) -> tuple[Sheet, list[Axes]
 
 
 def notice(ax: Axes, words: str) -> None:
-    """Words in the middle of axes that are empty, and say why."""
+    """Text in the middle of empty axes that explains why they are empty."""
     ax.axis("off")
     width = ax.get_position().width * WIDE
     lines = "\n".join(textwrap.wrap(words, max(8, int(1.8 * width / SMALL))))
@@ -306,7 +306,7 @@ def notice(ax: Axes, words: str) -> None:
 
 
 def notice_sheet(words: str) -> Sheet:
-    """A figure that is empty, and says why."""
+    """A figure without data, with an explanation."""
     sheet = Sheet((40.0,))
     notice(sheet.first(), words)
     return sheet
@@ -314,16 +314,16 @@ def notice_sheet(words: str) -> Sheet:
 
 def band(ax: Axes, x: Array, low: Array, high: Array, colour: str = BLUE, label: str | None = None,
          opacity: float = 0.25) -> None:  # fmt: skip
-    """Shade what lies between two curves."""
+    """Shade the area between two curves."""
     ax.fill_between(x, low, high, color=colour, alpha=opacity, linewidth=0.0, label=label)
 
 
 QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Ends of whiskers and boxes, and the bar between."""
+"""Quantiles of lower whisker, lower end of the box, median, upper end and upper whisker."""
 
 
 def boxes(ax: Axes, at: Sequence[float], samples: Sequence[Array], colour: str, wide: float, label: str = "") -> None:
-    """Draw a box for each of several samples: it holds half of them, its whiskers 95 %; NaN are left out."""
+    """Draw a box per sample: it contains half of the values, its whiskers 95 %; NaN are left out."""
     ends = (np.nanquantile(values, QUANTILES) for values in samples)
     stats = [dict(zip(("whislo", "q1", "med", "q3", "whishi"), item, strict=True)) for item in ends]
     line = {"color": colour, "linewidth": 0.9}
@@ -336,15 +336,15 @@ def cells(
     ax: Axes, x: Array, y: Array, share: Array, colour: str = INK, below: str = BLUE, *,
     opacity: tuple[float, float] = (0.06, 0.6), gap: float = 0.0, label: str | None = None,
 ) -> None:  # fmt: skip
-    """Draw a map: cells shaded by their share of a largest value, those of one shade as one path.
+    """Draw a map of shaded cells; all cells of one shade are one path.
 
     Parameters
     ----------
     ax : axes.
     x, y : (cells + 1,) edges.
-    share : (x cells, y cells), 0 to 1, negative in the colour `below`; NaN leaves a cell out.
-    opacity : of the lightest and the darkest.
-    gap : left between cells, of a cell.
+    share : (x cells, y cells), 0 to 1, or negative for the colour `below`; cells with NaN are left out.
+    opacity : of the lightest and the darkest shade.
+    gap : between cells, relative to their size.
     label : in the legend.
     """
     known, negative = np.isfinite(share), share < 0
@@ -357,7 +357,7 @@ def cells(
         codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(i)
         path = Path(np.moveaxis(around, 2, 0).reshape(-1, 2), codes)
         shade = opacity[0] + (opacity[1] - opacity[0]) * item / SHADES
-        ax.add_artist(  # no patch: that would walk along every path for its ends, which are those of the cells
+        ax.add_artist(  # not add_patch, which would search every path for its extent, known from the cells
             PathPatch(path, facecolor=below if is_negative else colour, alpha=shade, linewidth=0.0, label=label)
         )
         label = None
@@ -369,13 +369,13 @@ def shades(
     ax: Axes, ticks: Sequence[tuple[float, str]], label: str, colour: str = INK, below: str | None = None, *,
     opacity: tuple[float, float] = (0.06, 0.6),
 ) -> Axes:  # fmt: skip
-    """Draw the scale of a map beside it: from light to dark, or from one colour over nothing to the other.
+    """Draw the scale of a map to its right: from light to dark, or from one colour through nothing to the other.
 
     Parameters
     ----------
-    ax : of the map.
-    ticks : (share of the scale's length, words).
-    label, colour, below, opacity : as of `cells`.
+    ax : axes of the map.
+    ticks : (relative position on the scale, label).
+    label, colour, below, opacity : as in `cells`.
     """
     figure = ax.get_figure()
     assert figure is not None
@@ -398,7 +398,7 @@ def shades(
 
 
 def _label_powers(axis: Axis) -> None:
-    """Ticks of a logarithmic axis: powers of ten, and round values between where these are few."""
+    """Ticks of a logarithmic axis: powers of ten, and round values between them if these are few."""
     low, high = sorted(axis.get_view_interval())
     few = bool(high < FEW * low)
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
@@ -414,7 +414,7 @@ def _power_words(value: float, few: bool) -> str:
 
 
 def _fit_letters(ax: Axes) -> None:
-    """Hide words of ticks below axes that would meet others; labels beside axes are no longer than these."""
+    """Hide tick labels below axes that would overlap; shrink labels beside axes to the height of the axes."""
     ax.title.set_fontsize(SIZE)
     renderer = _renderer(ax.get_figure())
     low, high = sorted(ax.get_xlim())
@@ -430,7 +430,7 @@ def _fit_letters(ax: Axes) -> None:
 
 
 def _text(result: re.Match[str]) -> str:
-    """A text without the type that measured it, with symbols and indices."""
+    """A text element without the font that measured it, with symbols and indices."""
     size, style, place, words = result.groups()
     style = re.sub(r" font-family: [^;]*;?", "", style)
     place = re.sub(r' transform="rotate\(-0 .*?\)"', "", place)
@@ -456,14 +456,14 @@ def _spans(words: str, size: float) -> str:
 
 
 CELLS = (60, 34)
-"""Cells along each axis."""
+"""Number of cells along each axis."""
 OPACITY = (0.14, 0.85)
 
 Ends = tuple[float, float]
 
 
 def density(ax: Axes, x: Array, y: Array, x_ends: Ends, y_ends: Ends, count: tuple[int, int] = CELLS) -> float:
-    """Draw counts of samples in cells, shaded by their logarithm; without samples they are left out. The largest."""
+    """Draw numbers of samples per cell, shaded by their logarithm; empty cells are left out. Returns the largest."""
     across, along = (np.linspace(*apart(ends), n + 1) for ends, n in zip((x_ends, y_ends), count, strict=True))
     counts = np.histogram2d(x, y, (across, along))[0]
     most = max(float(counts.max(initial=0.0)), 2.0)
@@ -473,7 +473,7 @@ def density(ax: Axes, x: Array, y: Array, x_ends: Ends, y_ends: Ends, count: tup
 
 
 def scale_of_counts(ax: Axes, most: float) -> None:
-    """Draw the scale of a density beside it: samples in a cell, up to the largest count."""
+    """Draw the scale of a density to its right: samples per cell, up to the largest number."""
     round_ones = [m * 10**k for k in range(6) for m in (1, 2, 5) if m * 10**k <= most]
     kept = round_ones[:: max(1, round(len(round_ones) / 5))]
     ticks = [(float(np.log(item) / np.log(most)), f"{item:g}") for item in kept]
@@ -481,6 +481,6 @@ def scale_of_counts(ax: Axes, most: float) -> None:
 
 
 def apart(ends: Ends) -> Ends:
-    """The ends of an axis, apart where they are one."""
+    """Ends of an axis, moved apart if they are equal."""
     low, high = ends
     return (low, high) if high > low else (low - 1.0, low + 1.0)

@@ -1,4 +1,4 @@
-"""The pictures of a gap: how far, which and where, as drawings for a report, and one page that stands alone."""
+"""Figures of a gap's errors, causes and location, for a report and for a page of their own."""
 
 from __future__ import annotations
 
@@ -51,15 +51,15 @@ AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
 MOVED = "with re-estimated parameters"
 FLOOR = look(INK, 1.2, "floor: the error that noise alone leaves")
 EXCESS = RUST
-"""Colour of what is too much, from pale to dark."""
+"""Colour of errors beyond noise, from pale to dark."""
 EDGED: Look = {"edgecolor": INK, "linewidth": 0.4}
-"""Bars."""
+"""Style of bars."""
 LEAST_AXES = 3
-"""Axes that a row has room for at least: none are drawn wider than a third of the page."""
+"""Least number of axes for which a row has space: none are wider than a third of the page."""
 
 
 def row_of(count: int, height: float) -> tuple[Sheet, list[Axes]]:
-    """Axes side by side."""
+    """Axes in one row."""
     sheet = Sheet((height,), max(count, LEAST_AXES))
     for ax in sheet.grid[0, count:]:
         ax.remove()
@@ -67,23 +67,23 @@ def row_of(count: int, height: float) -> tuple[Sheet, list[Axes]]:
 
 
 WIDE = 0.36
-"""Of a bar; the distance between horizons is one."""
+"""Width of a bar; the distance between horizons is one."""
 
 
 def after_words(closure: Closure, applied: bool) -> str:
-    """What errors after are of: effects, or parameters alone that went elsewhere; "" where nothing differs."""
+    """Label of the errors after: with effects, or with re-estimated parameters only; "" if no error differs."""
     if applied:
         return str(AFTER["label"])
     return MOVED if any(error.after != error.before for error in closure.errors) else ""
 
 
 def bars(closure: Closure, after: str) -> Sheet:
-    """A panel for each channel: bars of RMSE over the horizons, the floor as a line across each pair.
+    """RMSE over the horizons, a panel per channel, with the floor as a line across each pair of bars.
 
     Parameters
     ----------
-    closure : whose errors.
-    after : what there is after, in words; "" draws what was before alone.
+    closure : its errors are drawn.
+    after : label of the errors after; "" draws only those before.
     """
     channels = list(dict.fromkeys(error.channel for error in closure.errors))
     if not channels:
@@ -115,7 +115,7 @@ SHARE_OPACITY = (0.04, 1.0)
 
 
 def regimes(ax: Axes, strip: Strip) -> None:
-    """Draw a map of the share of the gap over v_x and a_y; grey where nothing was driven."""
+    """Draw a map of the share of the gap over v_x and a_y; grey outside the data."""
     if not {"v_x", "a_y", "gap"} <= strip.map.keys():
         notice(ax, "speed and lateral acceleration are not recorded in every row")
         return
@@ -143,15 +143,15 @@ def _edges(strip: Strip) -> tuple[Array, Array]:
 
 
 MOST_LIMITS = 12
-"""Effects drawn."""
+"""Most effects drawn."""
 SIZES = (0.01, 30.0)
-"""Of sizes, in usual ones; larger ones end in an arrow."""
+"""Range of the axis, relative to the usual size; larger sizes end in an arrow."""
 LIMITS_HEIGHT = 150.0
 TIME_OPACITY = (0.12, 0.9)
 
 
 def limits(gap: Gap) -> Sheet | None:
-    """Bars of the size that would show, over the usual one, beside the map of what was driven; None for neither."""
+    """Bars of detection limits relative to usual sizes, and the map of the driving; None if there is neither."""
     columns = bool(gap.limits) + (gap.strip is not None)
     if not columns:
         return None
@@ -185,7 +185,7 @@ def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
 
 
 def driven(ax: Axes, strip: Strip) -> None:
-    """Draw a map of the share of the time over v_x and a_y; blank where nothing was driven."""
+    """Draw a map of the share of the time over v_x and a_y; blank outside the data."""
     share = np.asarray(strip.map.get("time", 0.0), dtype=float)
     most = float(np.nanmax(share, initial=0.0))
     if not {"v_x", "a_y", "time"} <= strip.map.keys() or not (isfinite(most) and most > 0):
@@ -195,17 +195,17 @@ def driven(ax: Axes, strip: Strip) -> None:
 
 
 MOST, LEAST_ROWS = 6, 4
-"""Effects drawn; room is left for so many at least."""
+"""Most effects drawn, and least number of rows with space."""
 REACH = (-0.6, 2.6)
-"""Of intervals, in estimates; longer ones end in an arrow."""
+"""Range of the axis, relative to the estimate; longer intervals end in an arrow."""
 RANKING_HEIGHT = 106.0
 
 
 def ranking(gap: Gap) -> Sheet:
-    """Bars of probability with brackets of those that cannot be distinguished, and intervals over the estimates.
+    """Bars of probability, with lines between effects that cannot be distinguished, and intervals of the magnitudes.
 
-    The intervals are drawn relative to the estimate: zero is an effect that is not there, one its estimate. Beside
-    them stands the map of the gap over speed and lateral acceleration, where there is one.
+    Intervals are relative to the estimate: zero is the absent effect, one its estimate. A map of the gap over speed
+    and lateral acceleration follows if there is one.
     """
     shown, beside = list(gap.ranking[:MOST]), int(gap.strip is not None)
     if shown:
@@ -221,7 +221,7 @@ def ranking(gap: Gap) -> Sheet:
 
 
 def aliases(shown: Sequence[Ranked]) -> list[list[int]]:
-    """Rows that cannot be distinguished, as sets that are linked; those of one row alone are left out."""
+    """Sets of rows that cannot be distinguished, directly or through others; without sets of one row."""
     place = {item.effect: k for k, item in enumerate(shown)}
     group = list(range(len(shown)))
     for k, item in enumerate(shown):
@@ -234,16 +234,16 @@ def aliases(shown: Sequence[Ranked]) -> list[list[int]]:
 
 
 def relative(effect: str, value: float, magnitude: float) -> float:
-    """A magnitude as a share of the estimate, counted from the effect's null: 0 is not there, 1 the estimate."""
+    """A magnitude relative to the estimate, from the effect's null: 0 is the absent effect, 1 the estimate."""
     known = EFFECTS.get(effect)
     null = float(known.parameter.array) if known is not None else 0.0
-    if not isfinite(null):  # a limit is the weaker the larger it is
+    if not isfinite(null):  # a limit: the larger, the weaker the effect
         return magnitude / value if value else inf
     return (value - null) / (magnitude - null) if magnitude != null else float("nan")
 
 
 def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
-    """Bars, and lines that join rows that cannot be distinguished."""
+    """Bars of probability, and lines between rows that cannot be distinguished."""
     for colour, words, is_applied in ((BLUE, "applied", True), (PALE, "not applied", False)):
         rows = [k for k, item in enumerate(shown) if (item.effect in gap.applied) == is_applied]
         if rows:
@@ -252,7 +252,7 @@ def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
     for k, members in enumerate(sets):
         line = look(PURPLE, 1.4, "cannot be distinguished" if k == 0 else None, dots=2.2)
         joined = [float(row) if row in members else np.nan for row in range(members[0], members[-1] + 1)]
-        ax.plot(np.full(len(joined), 1.08 + 0.12 * k), joined, **line)  # no line crosses a row that is not meant
+        ax.plot(np.full(len(joined), 1.08 + 0.12 * k), joined, **line)  # no line across rows of other sets
     ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
     ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
     ax.set_yticks(range(len(shown)), [item.effect.replace("_", " ") for item in shown])
@@ -271,7 +271,7 @@ def _rows(shown: Sequence[Ranked]) -> tuple[float, float]:
 
 
 def _interval(ax: Axes, row: int, ranked: Ranked) -> None:
-    """Estimate and interval of one effect, and both in words above it."""
+    """Estimate and interval of one effect, with both as text above."""
     ends = sorted(relative(ranked.effect, end, ranked.magnitude) for end in ranked.interval)
     centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "color": INK, "clip_on": True}
     ax.text(1.0, row - 0.36, main_words(ranked), size=7.2, **centred)
@@ -288,21 +288,21 @@ def _interval(ax: Axes, row: int, ranked: Ranked) -> None:
 
 
 LARGEST = 100.0
-"""Excess, times the noise, at which colours end at most."""
+"""Largest mean square error, relative to noise, in the range of colours."""
 STRIPS_HEIGHT = 96.0
 DOT = 4.4
-"""Diameter of a spot on the path, points."""
+"""Diameter of a dot on the path, points."""
 PATH_OPACITY = (0.12, 1.0)
 
 
 def strips(strip: Strip, stretch: Mapping[str, float], applied: bool) -> Sheet:
-    """Mean square errors over the noise's along time, and the path in shades of them.
+    """Mean square errors relative to noise over time, and along the path as shades.
 
     Parameters
     ----------
-    strip : what is drawn.
-    stretch : "from", "to", s: the stretch that holds half of the gap, shaded; empty shades nothing.
-    applied : whether there is anything after.
+    strip : its errors are drawn.
+    stretch : "from", "to", s: the stretch with half of the gap, shaded; nothing is shaded if empty.
+    applied : whether to draw errors after.
     """
     if len(strip.time) < 2:
         return notice_sheet("too short for a plot over time")
@@ -336,7 +336,7 @@ def _along_path(ax: Axes, strip: Strip) -> None:
     ticks = [item for item in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if item <= top]
     ticks = ticks[:: max(1, round(len(ticks) / 4))]
     known = np.isfinite(strip.x) & np.isfinite(strip.y)
-    order = np.argsort(share[known], kind="stable")  # the darkest on top
+    order = np.argsort(share[known], kind="stable")  # darkest dots on top
     x, y, shade = (
         item[known][order] for item in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
     )
@@ -347,11 +347,11 @@ def _along_path(ax: Axes, strip: Strip) -> None:
 
 
 LEAST_DENSITY = 3.0
-"""The axis reaches from one over this to this at least."""
+"""Least end of the axis; its least start is the inverse."""
 
 
 def spectra(strip: Strip, applied: bool) -> Sheet:
-    """A panel for each channel: spectral density of the errors over that of the noise."""
+    """Spectral density of the errors relative to that of the noise, a panel per channel."""
     known = strip.frequency > 0
     if not strip.spectrum_before or not np.any(known):
         return notice_sheet("no spectra of the errors were kept")
@@ -372,7 +372,7 @@ def spectra(strip: Strip, applied: bool) -> Sheet:
 
 
 def drawings(gap: Gap) -> tuple[Drawing, ...]:
-    """How far, which and where, each with its words."""
+    """Figures of errors, causes and location, with captions."""
     closure, held_out = judged(gap)
     applied = bool(gap.applied)
     on = f"{listed([*(closure.recordings or gap.recordings)])}{' (held out)' if held_out else ''}"
@@ -402,7 +402,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
 
 
 def _causes(gap: Gap) -> Drawing:
-    """Which effects there may be; without a gap, which there could be unseen."""
+    """Ranking of the effects; if there is no gap, detection limits."""
     if gap.gap_detected or not gap.limits:
         caption = (
             "Probability of each effect, and the 95 % interval of its magnitude, divided by the estimate (0: the "
@@ -418,7 +418,7 @@ def _causes(gap: Gap) -> Drawing:
 
 
 def page(gap: Gap) -> Document:
-    """One page, as long as it takes: what the diagnosis says, above its pictures."""
+    """The verdict of the diagnosis above its figures, as one page of any length."""
     shown = tuple(replace(one, caption="") for one in drawings(gap))
     about = f"on {listed([*gap.recordings])}"
     return Document(
@@ -432,6 +432,6 @@ def page(gap: Gap) -> Document:
 
 
 def write_picture(gap: Gap, path: str | Path) -> Path:
-    """Write the page as the file's name says, PNG or PDF, atomically."""
+    """Write the page as PNG or PDF, by the suffix of the file's name, atomically."""
     write = write_pdf if Path(path).suffix.lower() == ".pdf" else write_png
     return write(page(gap), path)

@@ -1,6 +1,6 @@
-"""The report of a diagnosis, part by part.
+"""The report of a diagnosis, section by section.
 
-What changed between recordings of one vehicle, as parts of a report.
+Also the section on changes between recordings of one vehicle.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from .words import (
 )
 
 DESCRIBED_FROM, FIRST = 0.05, 2
-"""Effects less probable than this have no sentences of their own unless they are applied or among the first."""
+"""Least probability of effects that are described, unless they are applied or among this many first ones."""
 MOST_EVIDENCE, MOST_RANKED = 5, 12
-"""Effects that have sentences, and a row in the table."""
+"""Most effects that are described, and most that are listed in the table."""
 RARELY = 0.05
-"""Regimes with a smaller share of the time are hardly driven."""
+"""Share of the time below which a regime counts as hardly driven."""
 LEAST_TOLD = 0.01
-"""Of shares that are told."""
+"""Smallest share with a number; smaller ones are shown as below it."""
 ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
@@ -116,12 +116,12 @@ EQUATIONS = "Equations of the simulation that was compared with the recordings. 
 
 
 def write_report(gap: Gap, made: Made, out: str | Path) -> Path:
-    """Write the report of a diagnosis as PDF or HTML, as the file's name says. Raises `BadInput` where it cannot be."""
+    """Write the report of a diagnosis as PDF or HTML, by the suffix. Raises `BadInput` if that is not possible."""
     return write(gap_report(gap, made), out)
 
 
 def gap_report(gap: Gap, made: Made) -> Document:
-    """What the report of a diagnosis says and shows."""
+    """The report of a diagnosis."""
     apart, ranking = not gap.gap_detected, ranked(gap)
     parts = (
         VerdictBox(tuple(verdict(gap))),
@@ -146,7 +146,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
 
 
 def _data(gap: Gap) -> tuple[Part, ...]:
-    """Whether the data are to be trusted."""
+    """Whether the data can be trusted."""
     if gap.doubts:
         return titled("Doubts about the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
@@ -160,7 +160,7 @@ def _data(gap: Gap) -> tuple[Part, ...]:
 
 
 def ranked(gap: Gap) -> Table:
-    """A row for each of the first effects."""
+    """A row for each of the most probable effects."""
     rows = tuple(
         (
             str(k), item.effect, magnitude_words(item), interval_words(item), probability_words(item.probability),
@@ -180,7 +180,7 @@ def _which(gap: Gap, ranking: Table) -> tuple[Part, ...]:
 
 
 def _likely(gap: Gap) -> list[Ranked]:
-    """The effects that have sentences of their own."""
+    """The effects that are described."""
     return [
         item
         for k, item in enumerate(gap.ranking)
@@ -189,7 +189,7 @@ def _likely(gap: Gap) -> list[Ranked]:
 
 
 def evidence(gap: Gap) -> list[tuple[str, str]]:
-    """The likely effects, each with its sentences."""
+    """The likely effects, each with its description."""
     best = max((item.gain for item in gap.ranking), default=0.0)
     return [(item.effect, " ".join(_sentences(gap, item, best))) for item in _likely(gap)]
 
@@ -225,7 +225,7 @@ def _touches_null(ranked: Ranked) -> bool:
 
 
 def _runner_up(gap: Gap) -> str:
-    """The likeliest effect that was not applied, against the likeliest that was."""
+    """The most probable effect that was not applied, compared with the most probable one that was."""
     others = [item for item in gap.ranking if item.effect not in gap.applied]
     first = next((item for item in gap.ranking if item.effect in gap.applied), None)
     if not others or first is None:
@@ -241,7 +241,7 @@ def _runner_up(gap: Gap) -> str:
 
 
 def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
-    """The equations that each likely effect puts in the place of the model's."""
+    """The equations that each likely effect changes in the model."""
     model = build(gap.model, made.settings, made.effects)
     if not isinstance(model, MotionModel):
         return ()
@@ -271,12 +271,12 @@ def _absorbed(gap: Gap) -> str:
 
 
 def unseen(gap: Gap) -> list[str]:
-    """What is not told, in sentences."""
+    """What could be present undetected, in sentences."""
     return [sentence for sentence in (_could_be(gap), _hardly_driven(gap)) if sentence]
 
 
 def _could_be(gap: Gap) -> str:
-    """Which effects of their usual size is below the detection limit, in a sentence."""
+    """Effects that would not be detected at their usual size, in a sentence."""
     if not gap.limits:
         return ""
     unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
@@ -288,7 +288,7 @@ def _could_be(gap: Gap) -> str:
 
 
 def _hardly_driven(gap: Gap) -> str:
-    """Regimes that the recordings hardly hold, in a sentence."""
+    """Regimes that were hardly driven, in a sentence."""
     shares = {REGIMES.get(name, name): time for name, (time, _) in gap.where.regimes.items()}
     rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < RARELY]
     if not rare:
@@ -297,7 +297,7 @@ def _hardly_driven(gap: Gap) -> str:
 
 
 def limits_table(gap: Gap) -> Table:
-    """What would show of every effect that was not applied, the least visible first."""
+    """Detection limits of the effects that were not applied, the largest relative to the usual size first."""
     rows = tuple(
         (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
         for name, limit in gap.limits.items()
@@ -333,7 +333,7 @@ def _times(limit: Limit) -> str:
 
 
 def _how_far(gap: Gap) -> tuple[Part, ...]:
-    """How far the gap closes, or how far the simulation is from the recordings where there is none."""
+    """How far the effects close the gap, or how large the errors are if there is none."""
     both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
     title = "Errors before and after" if gap.gap_detected else "How large the errors are"
     judged = " ".join(f"{capital(words)}." for words in (*(how_far(gap, *one) for one in both), *carried_over(gap)))
@@ -353,7 +353,7 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
 
 
 def closures(of: Iterable[tuple[Closure, bool]]) -> Table:
-    """How far, a row for each; which of them were held out is told with them."""
+    """How far the effects close the gap, a row per closure, marked as held out or diagnosed."""
     rows = []
     for closure, held_out in of:
         names = f"{listed([*closure.recordings])} ({'held out' if held_out else 'diagnosed'})"
@@ -364,7 +364,7 @@ def closures(of: Iterable[tuple[Closure, bool]]) -> Table:
 
 
 def _errors(closure: Closure, applied: bool) -> Table:
-    """Before → after (noise), a row for each channel, a column for each horizon; without effects there is no after."""
+    """Before → after (noise), a row per channel and a column per horizon; without effects, no errors after."""
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: inf if h is None else h)
     by = {(error.channel, error.horizon): error for error in closure.errors}
     rows = []
@@ -386,7 +386,7 @@ def _cell(error: Errors, applied: bool) -> str:
 
 
 def channels(gap: Gap) -> Table:
-    """Errors beside noise, channel by channel, and the frequency at which they exceed it most."""
+    """Ratio of error to noise per channel, and the frequency at which the errors exceed noise most."""
     rows = []
     for name, ratio in gap.where.channels.items():
         rows.append((signal_words(name), number(ratio, 2), *_loudest(gap, name)))
@@ -409,7 +409,7 @@ def _equations(gap: Gap) -> Table:
 
 
 def _regimes(gap: Gap) -> Table:
-    """Shares of the time, and of the gap where there is one."""
+    """Shares of the time, and of the gap if there is one."""
     head = ("regime", "share of the time", *(("share of the gap",) if gap.gap_detected else ()))
     rows = tuple(
         (REGIMES.get(k, k), percent(t), *((percent(g),) if gap.gap_detected else ()))
@@ -419,14 +419,14 @@ def _regimes(gap: Gap) -> Table:
 
 
 def _simulated(made: Made, gap: Gap) -> tuple[Part, ...]:
-    """The model that was compared, and what is stated of its vehicle."""
+    """The model that was compared, and the stated numbers of its vehicle."""
     model, table = build(gap.model, made.settings, made.effects), stated(made)
     words = Text(STATED if table.rows else "")
     return titled("What was simulated", table, words, *written_down(traced(model), EQUATIONS))
 
 
 def stated(made: Made) -> Table:
-    """The numbers that the simulation went by, and what each may be off by."""
+    """The stated numbers of the simulation, with their tolerances."""
     rows = tuple(
         (
             one.name, _number(one.value, one.sd), pretty_unit(one.unit), "exact" if one.sd is None else "tolerance",
@@ -452,12 +452,12 @@ def _provenance(made: Made) -> tuple[tuple[str, str], ...]:
 
 
 def what_changed(gap: Gap, answer: Mapping[str, Any]) -> tuple[Part, ...]:
-    """What changed, what did not, and of what recordings do not say whether it did.
+    """What changed, what did not, and for which effects this is unknown.
 
     Parameters
     ----------
-    gap : the diagnosis of what changed.
-    answer : its `since`, `changed`, `not_changed` and `not_seen`, as `Changed.to_json` gives them.
+    gap : the diagnosis of the changes.
+    answer : `since`, `changed`, `not_changed` and `not_seen` from `Changed.to_json`.
     """
     of, changed = {each.effect: each for each in gap.ranking}, answer["changed"]
     rows = tuple(

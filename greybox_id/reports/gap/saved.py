@@ -1,6 +1,6 @@
-"""What a diagnosis was made with, and its file.
+"""Provenance of a diagnosis, and its file.
 
-A diagnosis as plain data and back: numbers and words, nothing that is executed.
+Conversion of a diagnosis to plain data and back: numbers and words, nothing that is executed.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from ...models.vehicle import Vehicle
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
-    """Everything of a diagnosis but the closed model, in kinds that JSON knows."""
+    """A diagnosis without the closed model, as values that JSON supports."""
     body = gap.to_json() | {"strip": asdict(gap.strip) if gap.strip is not None else None}
     return {name: plain(value) for name, value in body.items()}
 
 
 def from_plain_data(body: Mapping[str, Any]) -> Gap:
-    """The diagnosis again, without its closed model.
+    """Rebuild a diagnosis, without its closed model.
 
     Raises
     ------
-    KeyError, TypeError, ValueError : `body` was not made by `as_plain_data`.
+    KeyError, TypeError, ValueError : if `body` was not made by `as_plain_data`.
     """
     kinds, other = get_type_hints(Gap), {
         "ranking": tuple(_ranked(item) for item in body["ranking"]),
@@ -97,7 +97,7 @@ def _strip(body: Mapping[str, Any]) -> Strip:
 
 
 def _number(value: Any, unknown: float) -> Any:
-    """A number; where it was printed for readers who know none that are not finite, what null stands for."""
+    """A number; null stands for `unknown`, since JSON has only finite numbers."""
     return unknown if value is None else value
 
 
@@ -110,7 +110,7 @@ KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")
 
 @dataclass(frozen=True)
 class Number:
-    """One number as it was stated: `sd` None where it is exact, `value` None for a tolerance about no effect."""
+    """A stated number: `sd` is None if it is exact, `value` is None for a tolerance around no effect."""
 
     name: str
     value: float | None
@@ -121,16 +121,16 @@ class Number:
 
 @dataclass(frozen=True)
 class Made:
-    """What a diagnosis was made with.
+    """Provenance of a diagnosis.
 
     Attributes
     ----------
     vehicle : its name.
-    command : what reproduces it.
-    seed, version : of everything random; greybox-id's own.
-    data : recordings, those held out in the role "validate".
-    settings : from which the model was built.
-    effects : of that model, with their magnitudes.
+    command : reproduces the diagnosis.
+    seed, version : of random numbers; of greybox-id.
+    data : recordings; held-out ones have the role "validate".
+    settings : of the model.
+    effects : of the model, with their magnitudes.
     stated : numbers of the vehicle that the model has, and tolerances on effects.
     """
 
@@ -145,7 +145,7 @@ class Made:
 
 
 def stated_numbers(vehicle: Vehicle, model: Model) -> tuple[Number, ...]:
-    """What is stated of a vehicle that its model has, and tolerances on effects."""
+    """The stated numbers of a vehicle that its model has, and tolerances on effects."""
     numbers = [
         Number(name, value.value, value.sd, model[name].unit, value.source)
         for name, value in vehicle.values.items()
@@ -160,15 +160,15 @@ def stated_numbers(vehicle: Vehicle, model: Model) -> tuple[Number, ...]:
 
 
 def as_text(gap: Gap, made: Made) -> str:
-    """The text of the file."""
+    """Content of the file."""
     return KIND.text({**as_plain_data(gap), **asdict(made)})
 
 
 def load_gap(path: str | Path) -> tuple[Gap, Made]:
-    """Read a diagnosis back, without its closed model, which is a vehicle file of its own.
+    """Read a diagnosis, without its closed model, which is a separate vehicle file.
 
     Raises
     ------
-    BadInput : the file is no diagnosis, is damaged, or was written by another version.
+    BadInput : if the file is not a diagnosis, is damaged, or was written by another version.
     """
     return KIND.load(path, lambda body: (from_plain_data(body), of_plain(Made, body, "diagnosis")))

@@ -1,4 +1,4 @@
-"""What a diagnosis says, in sentences that hold for any numbers; the terminal and the report share them."""
+"""Sentences on a diagnosis, for any numbers, shared by terminal and report."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ from ...gap.gap import CauseClass, Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 
 LOPSIDED = 1.3
-"""An interval whose arms differ by more than this factor is printed, not its standard deviation."""
+"""Ratio of the two sides of an interval above which it is printed instead of the standard deviation."""
 SMALLER = {"s": (1.0, "ms"), "rad": (0.1, "mrad"), "rad/s": (0.1, "mrad/s"), "m": (0.1, "mm")}
-"""Unit -> below which size its thousandth is handier, and what that is called."""
+"""Unit -> size below which its thousandth is used instead, and name of that."""
 
 
 @dataclass(frozen=True)
 class Handy:
-    """A unit of handy size.
+    """A unit suited to the size of a number.
 
     Attributes
     ----------
     factor : by which numbers in the SI unit are multiplied.
-    unit : as it is printed; "" for pure numbers.
+    unit : as printed; "" for pure numbers.
     """
 
     factor: float
@@ -44,7 +44,7 @@ class Handy:
 
 
 def handy(unit: str, size: float) -> Handy:
-    """The unit in which a number of that size is best read: ms for s below one."""
+    """The most readable unit for a number of this size, such as ms for s below one."""
     below, smaller = SMALLER.get(unit, (0.0, ""))
     if smaller and isfinite(size) and 0.0 < abs(size) < below:
         return Handy(1000.0, smaller)
@@ -52,19 +52,19 @@ def handy(unit: str, size: float) -> Handy:
 
 
 def handy_of(ranked: Ranked) -> Handy:
-    """The unit in which an effect's magnitude is best read."""
+    """The most readable unit for an effect's magnitude."""
     ends = [abs(end) for end in ranked.interval if isfinite(end)]
     return handy(ranked.unit, ranked.magnitude or max(ends, default=0.0))
 
 
 def is_factor(effect: str) -> bool:
-    """Whether an effect's magnitude is a factor on something, one at its null."""
+    """Whether an effect's magnitude is a factor, with 1 for the absent effect."""
     known = EFFECTS.get(effect)
     return known is not None and known.parameter.unit == "1" and float(known.parameter.array) == 1.0
 
 
 def magnitude_words(ranked: Ranked) -> str:
-    """How large an effect is and when it acts, second parameters behind: 8 ± 1 m/s, wind_direction 1.0 rad."""
+    """Magnitude of an effect and when it acts, then its other parameters: "8 ± 1 m/s, wind_direction 1.0 rad"."""
     known = EFFECTS.get(ranked.effect)
     units = {other.name: other.unit for other in known.others} if known is not None else {}
     behind = [
@@ -74,32 +74,32 @@ def magnitude_words(ranked: Ranked) -> str:
 
 
 def main_words(ranked: Ranked) -> str:
-    """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided."""
+    """Magnitude as "31 ± 3 ms", "× 0.84 ± 0.02 from 41 s on", or "18 ms [5, 60]" if the interval is asymmetric."""
     return " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
 
 
 def before_words(ranked: Ranked, mean: float) -> str:
-    """What an effect was before, in the unit of what it is now."""
+    """Magnitude of an effect before, in the unit of its present magnitude."""
     entry = handy_of(ranked)
     return f"{'× ' if is_factor(ranked.effect) else ''}{number(entry.factor * mean, 2)} {entry.unit}".strip()
 
 
 def unchanged_words(name: str, size: float) -> str:
-    """An effect that did not change, and how far it may have, in its unit; factors in per cent."""
+    """An effect that did not change, with the largest change not excluded; factors in per cent."""
     entry = handy(EFFECTS[name].parameter.unit if name in EFFECTS else "", size)
     within = percent(size) if is_factor(name) else f"{number(entry.factor * size, 2)} {entry.unit}".strip()
     return f"{name} (± {within})"
 
 
 def when_words(ranked: Ranked) -> str:
-    """From when on, or until when an effect acts; "" where it acts all the time."""
+    """Time from which or until which an effect acts; "" if it acts all the time."""
     if ranked.since is not None:
         return f"from {number(ranked.since)} s on ({ranked.within})"
     return f"until {number(ranked.until)} s ({ranked.within})" if ranked.until is not None else ""
 
 
 def carried_over(gap: Gap) -> list[str]:
-    """What a closed model, which is one for all times, has of effects that begin or end within a recording."""
+    """What the closed model, which is constant in time, includes of effects that begin or end within a recording."""
     stated = []
     for one in gap.ranking:
         if one.effect in gap.applied and one.since is not None:
@@ -123,7 +123,7 @@ def _size_words(ranked: Ranked) -> str:
     before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {entry.unit}" if entry.unit else "")
     arms = (high - ranked.magnitude, ranked.magnitude - low)
     if not any(isfinite(arm) for arm in arms):
-        return f"{before}{number(value)}{behind}"  # nothing is known of its spread
+        return f"{before}{number(value)}{behind}"  # no interval is known
     if not all(isfinite(arm) for arm in arms) or high <= low:
         return f"{before}{number(value)}{behind} {interval_words(ranked, unit=False)}"
     if min(arms) <= 0.0 or max(arms) > LOPSIDED * min(arms):
@@ -134,7 +134,7 @@ def _size_words(ranked: Ranked) -> str:
 
 
 def interval_words(ranked: Ranked, unit: bool = True) -> str:
-    """[25, 37] ms, to the digits of its width; an end that is not finite as ∞."""
+    """Interval such as "[25, 37] ms", to the digits of its width; an end that is not finite as ∞."""
     handy = handy_of(ranked)
     low, high = (handy.factor * end for end in ranked.interval)
     behind = f" {handy.unit}" if handy.unit and unit else ""
@@ -155,28 +155,28 @@ REGIMES = {
     "high_speed": "at high speed",
     "time_drift": "late in the drive",
 }
-"""Regime -> where that is, as the end of a sentence."""
+"""Regime -> phrase at the end of a sentence."""
 MOST_SHARES = 3
-"""Equations named as the gap's place, and parameters that are beyond their tolerances."""
+"""Most equations named as location of the gap, and most parameters named that left their tolerances."""
 LEAST_SHARE = 0.1
-"""Smaller shares of the gap are not named."""
+"""Smallest share of the gap that is named."""
 MOST_DOUBTS = 3
-"""Doubts told before everything else; the rest is counted."""
+"""Most doubts listed before the results; the others are counted."""
 SLIGHT = 1.05
-"""Errors that exceed noise by less, a tenth of its mean square: what need not be detected (`CAL.shows`)."""
+"""Ratio of error to noise up to which an excess, a tenth of the mean square, need not be detected (`CAL.shows`)."""
 CONCENTRATED = 1.2
-"""A regime is worth naming with shares when it holds so many times its share of the time."""
+"""Least ratio of a regime's share of the gap to its share of the time for which both are named."""
 
 
 def p_words(p: float) -> str:
-    """How often noise alone would look so."""
+    """The p-value in words: probability of such errors by noise alone."""
     if not isfinite(p):
         return "p not known"
     return "p\u00a0<\u00a00.001" if p < 0.001 else f"p\u00a0=\u00a0{number(p, 2)}"
 
 
 def whether(gap: Gap) -> str:
-    """Is there a gap? And where free runs spin, what was looked at in their place."""
+    """Whether there is a gap; if free runs spin, also what was used instead."""
     return f"{_whether(gap)} {gap.held}." if gap.held else _whether(gap)
 
 
@@ -205,7 +205,7 @@ def _whether(gap: Gap) -> str:
 
 
 def _unknown_forces(gap: Gap) -> list[str]:
-    """What it takes beside noise where free runs err by more without a gap."""
+    """Unknown forces that explain errors beyond noise in free run, if there is no gap."""
     most = max((ratio for ratio in gap.where.channels.values() if isfinite(ratio)), default=1.0)
     if gap.unnamed is None or most < SLIGHT:
         return []
@@ -214,7 +214,7 @@ def _unknown_forces(gap: Gap) -> list[str]:
 
 
 def _largest(gap: Gap) -> str:
-    """The channel that deviates most, as the end of a sentence."""
+    """The channel with the largest deviation, as the end of a sentence."""
     channels = {name: ratio for name, ratio in gap.where.channels.items() if isfinite(ratio)}
     if not channels:
         size = sqrt(gap.gap.before) if gap.gap.before > 0 else float("nan")
@@ -230,7 +230,7 @@ def _largest(gap: Gap) -> str:
 
 
 def where(gap: Gap) -> list[str]:
-    """Where it lies, by equation, by regime and by time; none where there is no gap."""
+    """Location of the gap by equation, regime and time; empty if there is none."""
     if not gap.gap_detected:
         return []
     stated = (("By equation", _equations(gap)), ("By driving", _regime(gap)), ("By time", _time(gap)))
@@ -263,7 +263,7 @@ def _time(gap: Gap) -> str:
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
-    """What an effect cannot be told from: by rank where that is ranked, by name otherwise."""
+    """Effects that one cannot be distinguished from, by rank, or by name if they are not ranked."""
     if not ranked.indistinguishable_from:
         return ""
     place = {item.effect: k for k, item in enumerate(gap.ranking, 1)}
@@ -278,7 +278,7 @@ def on_these(recordings: tuple[str, ...]) -> str:
 
 
 def which(gap: Gap) -> str:
-    """The first effects in a sentence; "" where there is no gap to explain."""
+    """The most probable effects in a sentence; "" if there is no gap."""
     if not gap.gap_detected:
         return ""
     if not gap.ranking:
@@ -292,7 +292,7 @@ def which(gap: Gap) -> str:
 
 
 def _named(ranked: Ranked, alike: CauseClass | None) -> str:
-    """An effect with its probability, or with that of all that act alike, and of each of them."""
+    """An effect with its probability, or with that of its class of similar effects and of each member."""
     if alike is None:
         return f"{ranked.effect}, {magnitude_words(ranked)} (probability {probability_words(ranked.probability)})"
     each = ", ".join(f"{name} {probability_words(p)}" for name, p in alike.each.items())
@@ -303,7 +303,7 @@ def _named(ranked: Ranked, alike: CauseClass | None) -> str:
 
 
 def verdict(gap: Gap) -> list[tuple[str, str]]:
-    """The whole answer: a lead and a sentence each; doubts on the data come first."""
+    """The whole result as pairs of lead and sentence; doubts about the data come first."""
     closure, held_out = judged(gap)
     stated = [
         *(("Doubt", doubt) for doubt in gap.doubts[:MOST_DOUBTS]),
@@ -331,7 +331,7 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
 
 
 def budget(gap: Gap) -> str:
-    """Which share of the excess error each effect closes, in a sentence; "" where none was found."""
+    """Share of the excess error that each effect closes, in a sentence; "" if there is no budget."""
     if gap.budget is None:
         return ""
     shares = [
@@ -346,12 +346,12 @@ def budget(gap: Gap) -> str:
 
 
 def judged(gap: Gap) -> tuple[Closure, bool]:
-    """The closure that counts, and whether its recordings chose nothing."""
+    """The closure on held-out recordings, or on the diagnosed ones if none, and whether it is held out."""
     return (gap.held_out, True) if gap.held_out is not None else (gap.gap, False)
 
 
 def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
-    """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
+    """Share of the gap that the effects close on some recordings, with its interval, also if it is negative."""
     chose = f", from which the effect{'s were' if gap.applied[1:] else ' was'} chosen" if gap.applied else ""
     place = f"on {the_recordings(closure.recordings or gap.recordings)}{' (held out)' if held_out else chose}"
     if not gap.applied:
@@ -386,12 +386,12 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
 
 
 def tells(closure: Closure) -> bool:
-    """Whether the share that closes says something: of a gap that shows, or surely above zero."""
+    """Whether the closed share is meaningful: the gap is detectable, or the share is significantly above zero."""
     return closure.shows or closure.closed_interval[0] > 0
 
 
 def levels(closure: Closure) -> str:
-    """Mean squares over the noise's, all channels alike."""
+    """Mean squares relative to noise, with equal weight of all channels."""
     before, after = number(closure.before), number(closure.after)
     change = f"{before} before, {after} after"
     if before == after:
@@ -400,10 +400,11 @@ def levels(closure: Closure) -> str:
 
 
 def as_it_stands(gap: Gap, closure: Closure) -> str:
-    """What the closed model errs in free run with its parameters where it has them; "" where shares say it all.
+    """Error of the closed model in free run with its estimated parameters; "" if the shares are sufficient.
 
-    A closure refits tolerances before and after; whoever simulates the closed model has them where they were found.
-    Where these went far, most of what the model as stated errs may be theirs; where it errs more, that is a warning.
+    A closure refits parameters within their tolerances before and after, but simulations with the closed model use the
+    parameters that were found. If these moved far, they may cause most of the stated model's error. An increase of the
+    error is stated as a warning.
     """
     free = [error for error in closure.errors if error.horizon is None and error.floor > 0]
     if not free:
@@ -424,7 +425,7 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
 
 
 def left(gap: Gap) -> str:
-    """What stays unexplained."""
+    """What remains unexplained."""
     closure, _ = judged(gap)
     clauses = []
     if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure):
@@ -437,7 +438,7 @@ def left(gap: Gap) -> str:
 
 
 def probability_words(value: float) -> str:
-    """A probability to two decimals, never certain."""
+    """A probability to two decimals, never 0 or 1."""
     if not isfinite(value):
         return "not known"
     return "above 0.99" if value > 0.99 else "below 0.01" if value < 0.01 else f"{value:.2f}"

@@ -1,1 +1,1 @@
-"""Results as text: what the command line prints, and what their `summary()` returns."""
+"""Results as text, for the command line and `summary()` methods."""

@@ -1,4 +1,4 @@
-"""What an adaptation says: what was chosen, and how it does beside the fit as it was."""
+"""An adaptation as text: what was selected, and its errors compared with the unchanged fit."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ...models.motion_model import MotionModel
 from .screen import led, plain_table
 
 MOST_MOVED = 8
-"""Parameters that are named."""
+"""Most parameters that are named."""
 
 
 def parts(result: Adaptation) -> Iterator[RenderableType]:
-    """An adaptation, part by part."""
+    """The text of an adaptation, part by part."""
     for doubt in result.doubts:
         yield led("doubt", doubt)
     several: dict[str, list[str]] = {}

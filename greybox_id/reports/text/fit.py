@@ -1,4 +1,4 @@
-"""A fit as text: verdict, data, optimum, parameters with intervals, errors; and as one JSON object."""
+"""A fit as text: verdict, data, optimum, parameters with intervals, errors; and as a JSON object."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from ...models.parameter import Parameter, Prior
 from .screen import plain, plain_table
 
 NEGLIGIBLE = 1e-6
-"""Share of an objective that is not worth telling."""
+"""Relative change of the objective that is not mentioned."""
 
 
 MOST_NAMED = 6
-"""Estimates that are named in the verdict's line."""
+"""Most estimates that are named in the line of the verdict."""
 MOST_OPEN = 4
-"""Sentences printed on what the recording leaves open."""
+"""Most sentences on parameters that are not identifiable."""
 PROTOCOL_WORDS = {
     "honest": "one sample ahead, all runs together; no window spans two runs",
     "published": "as in the papers: mean over batches of 100; windows may span two runs",
     "closed_loop": "free run on its own predictions, all runs together",
     "free run": "free run of whole manoeuvres, all together",
 }
-"""Protocol of a model with memory -> what is done under it."""
+"""Protocol of a model with memory -> its definition."""
 
 
 def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
-    """What a fit says, part by part.
+    """The text of a fit, part by part.
 
     Parameters
     ----------
     result : the fit.
-    vehicle : name of the vehicle it started from.
+    vehicle : name of the vehicle with the initial values.
     """
     if result.verdict is not None:
         yield verdict_table(result.verdict, _from_prior(result))
@@ -65,12 +65,12 @@ def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
 
 @by_kind
 def stage_lines(model: Model, result: Fit, stage: Stage) -> Iterator[str]:
-    """How a stage of a fit went, a line for each thing to say."""
+    """Lines on a stage of a fit."""
     return solver_lines(stage, "closed loop" if stage.closed_loop else "")
 
 
 def solver_lines(stage: Stage, what: str) -> Iterator[str]:
-    """Steps and time of a stage, whether Ipopt certified it, and what was done instead where it ended badly."""
+    """Steps and time of a stage, Ipopt's certificate, and what was tried instead if the stage failed."""
     name = ", ".join(filter(None, (stage.model, what)))
     yield f"fit      {name}: {counted(stage.steps, 'step')}, {stage.cpu_seconds:.2f} s; {stage.status}"
     if stage.certificate is not None:
@@ -85,7 +85,7 @@ def solver_lines(stage: Stage, what: str) -> Iterator[str]:
 
 @by_kind
 def chosen_lines(model: Model, result: Fit) -> Iterator[str]:
-    """How the fit was kept from learning its recordings by heart."""
+    """Lines on how overfitting was avoided."""
     if "stopped_by" in result.how:
         trained, held_out = result.how["errors_over_windows"]  # the paper's loss, Eq. 13, in units of noise
         windows = (
@@ -97,13 +97,13 @@ def chosen_lines(model: Model, result: Fit) -> Iterator[str]:
 
 @by_kind
 def error_parts(model: Model, result: Fit) -> Iterator[RenderableType]:
-    """How far the fit errs."""
+    """Errors of the fit."""
     yield ""
     yield errors_table(result.metrics, model.unit)
 
 
 def _from_prior(result: Fit) -> str:
-    """The estimates that are more prior than data, as the end of the verdict's line."""
+    """Estimates that are determined by their prior more than by data, as the end of the verdict's line."""
     names, free = result.from_prior, [p for p in result.model.parameters if p.shape == () and not p.fixed]
     if not names:
         return ""
@@ -113,7 +113,7 @@ def _from_prior(result: Fit) -> str:
 
 
 def verdict_table(verdict: Verdict, more: str = "") -> Table:
-    """A verdict: the word, what belongs beside it, and a line for each reason."""
+    """A verdict with additional words, and a line per reason."""
     lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     lines.add_column(min_width=8)
     lines.add_row("verdict", f"{verdict.usability}{more}")
@@ -123,7 +123,7 @@ def verdict_table(verdict: Verdict, more: str = "") -> Table:
 
 
 def as_dict(result: Fit) -> dict[str, Any]:
-    """The fit as one JSON object: metrics, CPU time, sizes, how it was chosen."""
+    """A fit as a JSON object: metrics, CPU time, sizes, how it was selected."""
     seconds = {_key(stage.model, stage.closed_loop): stage.cpu_seconds for stage in result.stages}
     body = result.as_dict()
     common = {
@@ -148,7 +148,7 @@ def as_dict(result: Fit) -> dict[str, Any]:
 
 @by_kind
 def more_data(model: Model, result: Fit, body: Mapping[str, Any]) -> dict[str, Any]:
-    """What JSON says of a kind of model besides; `body` is the fit's own file."""
+    """Further entries of the JSON object for a kind of model; `body` is the content of the fit's file."""
     parts = model.parts or (model,)
     return {
         "parameters": {_key(part.name, False): part.size for part in parts}
@@ -208,7 +208,7 @@ def _free(result: Fit, parameters: Sequence[Parameter]) -> Table:
 
 
 def estimate(value: float, sd: float) -> str:
-    """An estimate to as many digits as its standard deviation leaves it."""
+    """An estimate with as many digits as its standard deviation justifies."""
     if not (math.isfinite(sd) and sd > 0.0):
         return number(value, 4)
     shown = with_sd(value, sd)
@@ -217,7 +217,7 @@ def estimate(value: float, sd: float) -> str:
 
 
 def _prior(parameter: Parameter, prior: Prior) -> str:
-    """What was believed of a number: mean and standard deviation."""
+    """Mean and standard deviation of a prior."""
     mean = parameter.array if prior.mean is None else np.asarray(prior.mean, dtype=float)
     return with_sd(float(mean), float(np.asarray(prior.sd)))
 

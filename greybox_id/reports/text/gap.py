@@ -1,4 +1,4 @@
-"""A diagnosis as text: doubts on the data, whether, where, which, how far, what is left."""
+"""A diagnosis as text: doubts about the data, gap, location, causes, errors, and what remains."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from ..gap.words import (
 from .screen import WIDTH, led
 
 PRINTED_FROM, MOST = 0.02, 6
-"""Effects less probable than this are not printed unless they are applied; at most so many are."""
+"""Least probability of effects that are printed, unless they are applied; most effects printed."""
 MOST_WORDS = 4
-"""Effects that did not show, or would not, that are named."""
+"""Most effects named that were not or would not be detected."""
 NARROW = 110
-"""Narrower terminals are shown two horizons."""
+"""Width in columns below which a terminal shows only two horizons."""
 BAR = 20
-"""Characters of a bar that is all of the excess."""
+"""Length in characters of a bar for the whole excess error."""
 SHOWN_HORIZON = 0.5
-"""Horizon, s, shown beside the free run where there is little room."""
+"""Horizon, s, shown besides the free run if space is limited."""
 
 
 def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
-    """What a diagnosis says, part by part, on a screen of so many columns."""
+    """The text of a diagnosis, part by part, for a width in columns."""
     for doubt in gap.doubts:
         yield led("Doubt", doubt)
     yield whether(gap)
@@ -58,10 +58,10 @@ def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
 
 
 def _which(gap: Gap, width: int) -> Group | None:
-    """The ranked effects with magnitude, probability, and what they cannot be told from."""
+    """Ranked effects with magnitude, probability, and those that they cannot be distinguished from."""
     shares = (
         {share.effect for share in gap.budget.shares} if gap.budget is not None else set()
-    )  # each has its reason here
+    )  # each has its reason in the table
     known = {*gap.applied, *shares}
     likely = [
         (k, item) for k, item in enumerate(gap.ranking, 1) if item.probability >= PRINTED_FROM or item.effect in known
@@ -89,7 +89,7 @@ def _which(gap: Gap, width: int) -> Group | None:
 
 
 def _budget(budget: Budget) -> Group:
-    """Shares of the excess error as bars, the unexplained rest last."""
+    """Shares of the excess error as bars, the unexplained share last."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for _ in range(3):
         table.add_column()
@@ -105,12 +105,12 @@ def _budget(budget: Budget) -> Group:
 
 
 def probability(value: float) -> str:
-    """A probability in two digits, or that it is nearly none or all."""
+    """A probability with two decimals, or as below 0.01 or above 0.99."""
     return "> 0.99" if value > 0.99 else "< 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def _silent(gap: Gap) -> list[str]:
-    """What is below the detection limit of these recordings, and what would be taken up by something else."""
+    """Effects below the detection limit of these recordings, and effects that parameters would absorb."""
     lines = []
     if gap.not_excited:
         named = [f"{name} up to {_printed(size)}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
@@ -123,7 +123,7 @@ def _silent(gap: Gap) -> list[str]:
 
 
 def _printed(size: str) -> str:
-    """A size with its unit as people write it."""
+    """A size with its unit in readable notation."""
     value, _, unit = size.partition(" ")
     return f"{value} {pretty_unit(unit)}" if value.startswith("±") and unit else size
 
@@ -153,7 +153,7 @@ def _how_far(gap: Gap, width: int) -> Group:
 
 
 def _errors(closure: Closure, width: int) -> Table:
-    """RMSE before → after (noise) for each channel, over the horizons."""
+    """RMSE before → after (noise) per channel, over the horizons."""
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: float("inf") if h is None else h)
     if width < NARROW and len(horizons) > 2:
         timed = [h for h in horizons if h is not None]

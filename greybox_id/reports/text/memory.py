@@ -1,4 +1,4 @@
-"""What the fit of a model with memory says besides: strengths of priors, and delays of runs."""
+"""Additional text on a fit of a model with memory: strengths of priors, and delays of runs."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ MS = 1e3
 
 
 def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
-    """A line for each run: the delay of each output against the inputs, with its standard deviation.
+    """A line per run: the delay of each output relative to the inputs, with its standard deviation.
 
     Parameters
     ----------
-    timing : what `greybox_id.fitting.scores.timing.Timing.as_dict` gives.
+    timing : from `greybox_id.fitting.scores.timing.Timing.as_dict`.
     """
     seconds = timing["seconds"]
     known = "" if seconds is None else f", estimated from its first {seconds:g} s of motion"

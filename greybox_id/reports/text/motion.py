@@ -1,4 +1,4 @@
-"""What the fit of equations of motion says besides: its horizon, its starts, errors by horizon, the covariance."""
+"""Additional text on a fit of equations of motion: horizon, starts, errors by horizon, covariance."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .fit import error_parts, more_data, solver_lines, stage_lines
 from .screen import plain_table
 
 SAME = 0.01
-"""Starts whose objectives differ by less than this share of the best ended alike."""
+"""Relative difference of objectives below which starts count as having reached the best one."""
 
 
 @stage_lines.register(MotionModel)
@@ -62,14 +62,14 @@ def motion_errors_table(
     beside: Mapping[str, Any] | None = None,
     unit_of: Callable[[str], str] = unit_of,
 ) -> Table:
-    """Errors by horizon: a row for each output of each recording, each error with its standard error.
+    """Errors by horizon: a row per output of each recording, each error with its standard error.
 
     Parameters
     ----------
     metrics : role or recording -> protocol -> output -> error.
     noise : output -> standard deviation of the residuals, for a last column.
-    names : what to call a role.
-    beside : errors of holding the last reading, laid out as `metrics`; shown below each row.
+    names : role -> name.
+    beside : errors of persistence in the layout of `metrics`; shown below each row.
     unit_of : output -> its SI unit.
     """
     protocols = list(dict.fromkeys(p for of_role in metrics.values() for p in of_role))
@@ -90,14 +90,14 @@ def motion_errors_table(
 
 
 def _held_out(data: Sequence[DataRecord]) -> dict[str, str]:
-    """What the rows of an error table are headed with."""
+    """Role -> heading in an error table."""
     names = {role: [record.name for record in data if record.role == role] for role in ("train", "validate")}
     trained = ", ".join(names["train"]) if len(names["train"]) < 4 else counted(len(names["train"]), "recording")
     return {"train": f"train ({trained})", "validate": f"held out ({', '.join(names['validate'])})"}
 
 
 def _starts(objectives: Sequence[float]) -> str:
-    """How far apart fits from several starting points ended."""
+    """Comparison of the objectives that the starts reached."""
     best, worst = min(objectives), max(objectives)
     alike = sum(objective <= best * (1 + SAME) for objective in objectives)
     if alike == len(objectives):
@@ -119,7 +119,7 @@ def _error(error: Mapping[str, float] | None) -> str:
 
 
 def _correlation(covariance: Mapping[str, Any]) -> dict[str, Any]:
-    """Correlations of the numbers whose covariance is given."""
+    """Correlations from a covariance."""
     matrix = np.asarray(covariance["matrix"], dtype=float).reshape(len(covariance["names"]), -1)
     sd = np.sqrt(np.diag(matrix))
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""What checks and proposals say of recordings: tables for people, plain data for `--json`."""
+"""Text on checks of recordings and on proposed column maps: tables for people, plain data for `--json`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from ...datasets.mapping import MapEntry, Proposal
 
 DISTRUSTED = "bold red"
-"""Style of a finding that says not to trust the recording."""
+"""Style of a finding that makes a recording unusable."""
 MOST_ROWS = 20
-"""Row numbers given for one finding in the JSON output; their count is there in full."""
+"""Most row numbers given for one finding in the JSON output; their count is complete."""
 
 
 def show_findings(recording: Recording, findings: Sequence[Finding], out: Console) -> None:
-    """Print one recording's header line and its table of findings."""
+    """Print the header line of a recording and a table of its findings."""
     out.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
     if not findings:
         out.print("nothing noteworthy found\n")
@@ -58,7 +58,7 @@ def header(recording: Recording) -> str:
 
 
 def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]:
-    """One recording's header and findings as plain data."""
+    """Header and findings of a recording as plain data."""
     dt = recording.sample_time
     return {
         "path": recording.source.path,
@@ -87,7 +87,7 @@ def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]
 
 
 def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
-    """Print the proposal as a table, with what is not sure and what to do next."""
+    """Print a proposed column map as a table, with open decisions and next steps."""
     table = plain_table("signal", "column", "unit", "why", fold=True)
     if proposal.time:
         table.add_row(*_row(proposal.time))
@@ -135,7 +135,7 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
 
 
 def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
-    """The proposal as plain data."""
+    """A proposed column map as plain data."""
     return {
         "path": proposal.file,
         "written": out,

@@ -1,4 +1,4 @@
-"""Lines and tables on a screen or as plain text; nothing in names of files, columns or units orders a terminal."""
+"""Lines and tables for a terminal or as plain text, without control characters from names of files or columns."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rich.table import Table
 from ..words import clean
 
 WIDTH = 160
-"""Columns of tables that go to a file or a pipe."""
+"""Width in columns of tables that are written to a file or pipe."""
 
 
 class Screen(Console):
-    """Output for people; names and sentences may hold brackets, so there is no markup."""
+    """Output for people, without markup, since names and sentences may contain brackets."""
 
     def __init__(
         self,
@@ -29,13 +29,13 @@ class Screen(Console):
         super().__init__(stderr=errors, highlight=False, markup=False, soft_wrap=soft_wrap, file=file, width=width)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Segments without orders but rich's own."""
+        """Segments without control characters other than those of rich."""
         for item in super().render(renderable, options):
             yield item if item.control else Segment(clean(item.text), item.style)
 
 
 def as_text(parts: Iterable[RenderableType], width: int = WIDTH) -> str:
-    """What a screen of so many columns shows, without blanks at the ends of lines."""
+    """The text on a screen of this width in columns, without trailing blanks."""
     screen = Screen(file=StringIO(), width=width)
     for part in parts:
         screen.print(part)
@@ -44,7 +44,7 @@ def as_text(parts: Iterable[RenderableType], width: int = WIDTH) -> str:
 
 
 def plain_table(*titles: str, right: Collection[str] = (), fold: bool = False) -> Table:
-    """A table without lines; columns of these titles on the right, words that are too long cut or folded."""
+    """A table without lines; columns in `right` are right-aligned, long words are cut or folded."""
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title in titles:
         justify: JustifyMethod = "right" if title in right else "left"
@@ -53,7 +53,7 @@ def plain_table(*titles: str, right: Collection[str] = (), fold: bool = False) -
 
 
 def led(lead: str, words: RenderableType) -> Table:
-    """A line of an answer: its lead, and words that wrap beside it."""
+    """A line of a result: its lead, and words that wrap to its right."""
     table = Table.grid(padding=(0, 1, 0, 0))
     table.add_column(width=8, no_wrap=True)
     table.add_column(overflow="fold")
@@ -62,5 +62,5 @@ def led(lead: str, words: RenderableType) -> Table:
 
 
 def plain(value: float) -> str:
-    """A stated number, as it was stated."""
+    """A stated number with all its digits."""
     return f"{value:.6g}".replace("inf", "∞").replace("-", "−")

@@ -1,4 +1,4 @@
-"""A track as text: estimates, innovations, what must be known of them; and as one JSON object."""
+"""A track as text: estimates, innovations, checks and notes; and as a JSON object."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from .fit import verdict_table
 from .screen import led, plain_table
 
 COVERED = 0.8
-"""Share of the truth within two standard deviations, of 95 % that are due, below which bands mislead."""
+"""Share of the truth within two standard deviations, 0.95 if correct, below which bands count as too narrow."""
 
 
 def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
-    """What a track says, part by part."""
+    """The text of a track, part by part."""
     yield verdict_table(verdict(track))
     yield ""
     how = f"{track.kind.upper()}{' and smoother' if track.smoothed else ''}"
@@ -53,7 +53,7 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
 
 
 def beside_truth(digest: Digest) -> list[str]:
-    """How far estimates are from what was measured of them and did not enter the filter, as sentences."""
+    """Errors of the estimates relative to measurements that the filter did not use, as sentences."""
     result = []
     for name, one in digest.truth.items():
         sentence = (

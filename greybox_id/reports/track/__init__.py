@@ -1,1 +1,1 @@
-"""What tracking finds: pictures, a file and a report."""
+"""Results of tracking: figures, a file and a report."""

@@ -1,4 +1,4 @@
-"""What the report of a track is made from: numbers of all rows, as many rows as a picture shows, and their file."""
+"""Content of a track's report: statistics over all rows, a subset of rows for figures, and their file."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from ...fitting.provenance import DataRecord, data_record
 
 @dataclass(frozen=True)
 class TrackMade:
-    """What a track was made with.
+    """Provenance of a track.
 
     Attributes
     ----------
     vehicle : its name, or that of the fit; "" for none.
-    command : what reproduces it.
-    version : greybox-id's own.
-    tuned_on, calibrated_on : seconds at the beginning on which noise, and the model's parameters, were tuned.
+    command : reproduces the track.
+    version : of greybox-id.
+    tuned_on, calibrated_on : seconds at the beginning on which noise and the model's parameters were tuned.
     """
 
     vehicle: str
@@ -42,14 +42,14 @@ class TrackMade:
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimate over all rows.
+    """Statistics of one estimate over all rows.
 
     Attributes
     ----------
     unit : SI unit.
-    low, median, high : quantiles of it, at 5, 50 and 95 %.
-    sd : median of its standard deviations.
-    told : share of rows in which the recording tells it; None where it is not tracked.
+    low, median, high : quantiles at 5, 50 and 95 %.
+    sd : median of the standard deviations.
+    told : share of rows in which the estimate is identifiable; None if it is not tracked.
     """
 
     unit: str
@@ -62,13 +62,13 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Measured:
-    """An estimate against what was measured of it and did not enter the filter.
+    """Comparison of an estimate with measurements that the filter did not use.
 
     Attributes
     ----------
     unit : SI unit.
-    rows : compared.
-    rmse, bias, worst : of estimate less measurement; the last the largest by size.
+    rows : number of rows compared.
+    rmse, bias, worst : of estimate minus measurement; `worst` is that of the largest magnitude.
     inside : share of rows within two standard deviations.
     size : root mean square of the measurement.
     """
@@ -84,7 +84,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class NoiseSize:
-    """One noise: its size in its unit, and where that is from."""
+    """Size of a noise in its unit, and its origin."""
 
     size: float
     unit: str
@@ -97,9 +97,9 @@ class Innovations:
 
     Attributes
     ----------
-    time, nis : (n,) windows' middles, s, and the mean squares of scaled innovations in them.
-    low, high : within which 95 % of these lie if the filter is consistent.
-    lags, correlation : (k,) s, and the correlation of scaled innovations so far apart.
+    time, nis : (n,) centres of windows, s, and mean squares of the normalised innovations in them.
+    low, high : 95 % bounds of these if the filter is consistent.
+    lags, correlation : (k,) s, and the autocorrelation of normalised innovations.
     """
 
     time: Array
@@ -112,13 +112,13 @@ class Innovations:
 
 @dataclass(frozen=True)
 class Course:
-    """Some rows, evenly taken of each run.
+    """A subset of rows, evenly spaced in each run.
 
     Attributes
     ----------
-    every : of so many rows one was taken.
-    time, run : (n,) s, runs whose clocks begin anew one behind the other, and number of the run.
-    values, sds, measured : name -> (n,) estimates, their standard deviations, and what was measured of them.
+    every : step between the rows.
+    time, run : (n,) s, continuous across runs whose clocks start again, and number of the run.
+    values, sds, measured : name -> (n,) estimates, their standard deviations, and measurements.
     """
 
     every: int
@@ -131,20 +131,20 @@ class Course:
 
 @dataclass(frozen=True)
 class Digest:
-    """A track, as much of it as a report shows.
+    """The part of a track that a report shows.
 
     Attributes
     ----------
-    model, about : name and sentence of the model.
-    settings, effects : from which it is built; magnitudes of effects.
-    made, data : what it was made with; the recording.
-    filter, smoothed : "ekf" or "ukf", and whether later readings count as well.
-    parameters, disturbances : what walks for good, and what comes and goes.
-    rows, runs : estimated.
-    estimates, truth, noise, calibrated, consistency : by name; calibrated are values and standard deviations.
-    signals : what went in -> (unit, role, quantiles at 0.5, 50 and 99.5 %).
-    widened, log_likelihood, sentences : as of the track.
-    course, innovations : for pictures.
+    model, about : name and description of the model.
+    settings, effects : of the model; magnitudes of effects.
+    made, data : provenance; the recording.
+    filter, smoothed : "ekf" or "ukf", and whether estimates use later readings, too.
+    parameters, disturbances : tracked as random walks, and as processes that return to zero.
+    rows, runs : number of each.
+    estimates, truth, noise, calibrated, consistency : by name; `calibrated` has values and standard deviations.
+    signals : input or reading -> (unit, role, quantiles at 0.5, 50 and 99.5 %).
+    widened, log_likelihood, sentences : as in the track.
+    course, innovations : for figures.
     """
 
     model: str
@@ -173,25 +173,25 @@ class Digest:
 
 
 SHOWN = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr")
-"""Drawn where a model has them, and what is tracked after them."""
+"""Quantities drawn if the model has them, followed by those that are tracked."""
 SLIPS = ("alpha_f", "alpha_r")
-"""Needed beside them for the picture of forces over slip."""
+"""Additional quantities for the figure of forces over slip."""
 MOST_DRAWN, MOST_ROWS = 7, 3000
 DIGITS = 6
 LAGS, MOST_LAGS = 1.0, 50
-"""Innovations are correlated over lags up to so many s, in so many rows at most."""
+"""Largest lag of the autocorrelation of innovations, s, and most lags in rows."""
 WITHIN = (0.05, 0.5, 0.95)
 RANGE = (0.005, 0.5, 0.995)
 
 
 def digest(track: Track, recording: Recording, made: TrackMade) -> Digest:
-    """What a report shows of a track.
+    """The content of a track's report.
 
     Parameters
     ----------
     track : the track.
-    recording : as read; what it measures of the estimates stands beside them, whether the filter read it or not.
-    made : what the track was made with.
+    recording : as read; its measurements of estimated quantities are compared, whether the filter used them or not.
+    made : provenance of the track.
     """
     model = track.model
     return Digest(
@@ -222,7 +222,7 @@ def digest(track: Track, recording: Recording, made: TrackMade) -> Digest:
 
 
 def _scaled(track: Track) -> dict[str, str]:
-    """Tracked factors -> what they scale, which is shown in their place."""
+    """Tracked factors -> scaled parameters, which are shown instead."""
     return {
         combination.scaled_by: combination.name
         for combination in track.model.combinations
@@ -242,7 +242,7 @@ def _estimate(track: Track, name: str) -> Estimate:
 
 
 def measured_of(recording: Recording, name: str) -> Array | None:
-    """What a recording measures of an estimate, row by row; None for nothing."""
+    """Measurements of an estimated quantity in each row of a recording; None if there are none."""
     if name in recording:
         return recording[name]
     if name == "sideslip" and "v_x" in recording and "v_y" in recording:
@@ -251,7 +251,7 @@ def measured_of(recording: Recording, name: str) -> Array | None:
 
 
 def _entered(track: Track, name: str) -> bool:
-    """Whether the filter saw what was measured of an estimate."""
+    """Whether the filter used the measurements of an estimated quantity."""
     seen = {*track.innovations, *track.model.inputs}
     return name in seen or (name == "sideslip" and "v_y" in seen and "sideslip" not in track.recording)
 
@@ -277,13 +277,13 @@ def _truth(track: Track, recording: Recording, name: str) -> Measured | None:
 
 
 def _used(track: Track) -> dict[str, float]:
-    """The noises that have a part in the estimates: those of outputs that were not read have none."""
+    """The noises that influence the estimates; those of outputs without readings do not."""
     unread = {f"noise_{name}" for name in track.model.outputs if name not in track.innovations}
     return {name: size for name, size in track.noise.items() if name not in unread}
 
 
 def _signals(track: Track, recording: Recording) -> dict[str, tuple[str, str, tuple[float, ...]]]:
-    """What went into the filter, and between which values it was driven."""
+    """Signals that the filter used, and their range."""
     model = track.model
     inputs = [item for name in model.inputs for item in (name, *model.aliases.get(name, ())) if item in recording]
     roles = dict.fromkeys(inputs, "input") | dict.fromkeys(track.innovations, "reading")
@@ -314,7 +314,7 @@ def _course(track: Track, recording: Recording) -> Course:
 
 
 def running_time(track: Track) -> Array:
-    """(n,) s; runs whose clocks begin anew are laid one behind the other."""
+    """(n,) s; continuous across runs whose clocks start again."""
     time = track.time.copy()
     starts = np.flatnonzero(np.diff(track.run)) + 1
     if np.all(np.diff(time)[starts - 1] > 0):
@@ -343,7 +343,7 @@ def _innovations(track: Track, name: str) -> Innovations:
 
 
 def _rounded(values: Array) -> Array:
-    """To so many significant digits as a picture can use."""
+    """Values rounded to the significant digits that a figure needs."""
     return np.array([float(f"{value:.{DIGITS}g}") for value in values])
 
 
@@ -351,16 +351,16 @@ KIND = Kind("greybox-track", 1, "a track", "greybox track", "track again")
 
 
 def as_text(digest: Digest) -> str:
-    """The text of the file."""
+    """Content of the file."""
     return KIND.text(asdict(digest))
 
 
 def load_track(path: str | Path) -> Digest:
-    """Read a track back.
+    """Read a track.
 
     Raises
     ------
-    BadInput : the file is no track, is damaged, or was written by another version.
+    BadInput : if the file is not a track, is damaged, or was written by another version.
     """
     return KIND.load(path, _from_plain_data)
 

@@ -1,4 +1,4 @@
-"""The report of a track: three sentences, tables, pictures, and their order."""
+"""The report of a track: three sentences, tables and figures."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from ..figures.sheet import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, Sheet, band
 from .digest import Course, Digest
 
 MOST_NAMED = 4
-"""Estimates that the first sentence names."""
+"""Most estimates named in the first sentence."""
 LEADS = ("How sure", "Consistent", "Checked")
 
 
 def verdict(digest: Digest) -> tuple[str, str, str]:
-    """Three sentences."""
+    """Three sentences: uncertainty, consistency, comparison with measurements."""
     return _how_sure(digest), _is_it_so(digest), _against_what(digest)
 
 
 def method(one: Digest) -> str:
-    """The filter in words: a UKF and smoother."""
+    """The filter in words, such as "a UKF and smoother"."""
     return f"{'an' if one.filter == 'ekf' else 'a'} {one.filter.upper()}{' and smoother' if one.smoothed else ''}"
 
 
@@ -77,7 +77,7 @@ def _is_it_so(digest: Digest) -> str:
 
 
 def _memory(digest: Digest) -> str:
-    """Whether innovations depend on those before, as a clause."""
+    """Whether innovations are correlated in time, as a clause."""
     beyond = [
         f"{number(item.correlation, 2)} in {signal_words(name)}"
         for name, item in digest.consistency.items()
@@ -110,11 +110,11 @@ NOISES = {
     "colour": "slow part of the error of {}",
     "memory": "correlation time of {}",
 }
-"""Kind of noise -> what its size says."""
+"""Kind of noise -> meaning of its size."""
 
 
 def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
-    """The recording, and what reproduces the track."""
+    """The recording, and pairs on the provenance of the track."""
     made = digest.made
     walks = [n if n in digest.estimates else f"the input {n}, which was not recorded" for n in digest.parameters]
     pairs = (
@@ -130,7 +130,7 @@ def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
 
 
 def estimates(digest: Digest) -> Table:
-    """A row for each estimate."""
+    """A row per estimate."""
     walks = any(estimate.told is not None for estimate in digest.estimates.values())
     rows = tuple(
         (
@@ -144,7 +144,7 @@ def estimates(digest: Digest) -> Table:
 
 
 def truth(digest: Digest) -> Table:
-    """A row for each estimate that was measured and did not enter the filter."""
+    """A row per estimate with measurements that the filter did not use."""
     rows = tuple(
         (
             signal_words(name), number(item.rmse), number(item.bias, 2), number(item.worst, 2), number(item.size),
@@ -157,7 +157,7 @@ def truth(digest: Digest) -> Table:
 
 
 def readings(digest: Digest) -> Table:
-    """A row for each reading: whether the filter expected it."""
+    """Consistency of the filter, a row per reading."""
     rows = tuple(
         (
             signal_words(name), f"{one.count:,}".replace(",", "\u00a0"), number(one.rms), pretty_unit(unit_of(name)),
@@ -181,7 +181,7 @@ def readings(digest: Digest) -> Table:
 
 
 def noises(digest: Digest) -> Table:
-    """A row for each noise that has a part in the estimates."""
+    """A row per noise that influences the estimates."""
     rows = []
     for name, item in digest.noise.items():
         kind, _, of = name.partition("_")
@@ -194,13 +194,13 @@ def noises(digest: Digest) -> Table:
 
 
 def calibrated(digest: Digest) -> Table:
-    """A row for each parameter of the model that was tuned along."""
+    """A row per parameter of the model that was calibrated, too."""
     rows = tuple((name, with_sd(value, sd)) for name, (value, sd) in digest.calibrated.items())
     return Table(("parameter", "estimate ± sd, SI units"), rows, "lL")
 
 
 def signals(digest: Digest) -> Table:
-    """A row for each channel that went in, with the range that was driven."""
+    """A row per channel that the filter used, with its range."""
     rows = tuple(
         (signal_words(name), role, *(number(end) for end in ends), pretty_unit(unit))
         for name, (unit, role, ends) in digest.signals.items()
@@ -210,14 +210,14 @@ def signals(digest: Digest) -> Table:
 
 TALL = 68.0
 BORDER = look(INK, 0.5, dashes=DOTTED)
-"""Where a run begins."""
+"""Line at the beginning of a run."""
 SHARE = 0.995
-"""The axis shows this share of the estimates; a band may open further."""
+"""Share of the estimates within the axis; bands may extend beyond it."""
 MIDDLE, LOW = 60.0, 75.0
 
 
 def drawings(digest: Digest) -> tuple[Drawing, ...]:
-    """Estimates over time, forces over slip angle where a model has them, and the innovations over time and lags."""
+    """Estimates over time, forces over slip angle if the model has them, and innovations over time and lags."""
     how = f"{digest.filter.upper()} and smoother" if digest.smoothed else digest.filter.upper()
     more = " Measurements of the estimated quantities are drawn, too." if digest.course.measured else ""
     more += f" One of {digest.course.every} rows is drawn." if digest.course.every > 1 else ""
@@ -257,7 +257,7 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
 
 
 def over_time(digest: Digest) -> Sheet:
-    """Estimates with bands of two standard deviations, one panel each."""
+    """Estimates with bands of two standard deviations, a panel each."""
     course = digest.course
     sheet = Sheet((TALL,) * len(course.sds), joined=True)
     for ax, name in zip(sheet.grid[:, 0], course.sds, strict=True):
@@ -268,7 +268,7 @@ def over_time(digest: Digest) -> Sheet:
 
 
 def _draw(ax: Axes, course: Course, name: str) -> None:
-    """Estimates of every run; the axis shows most of them, bands may open further."""
+    """Estimates of all runs; most lie within the axis, bands may extend beyond it."""
     for run in np.unique(course.run):
         value = course.run == run
         first = run == course.run[0]
@@ -286,7 +286,7 @@ def _draw(ax: Axes, course: Course, name: str) -> None:
 
 
 def squares(digest: Digest) -> Sheet:
-    """Normalised innovations squared over time, one panel for each reading."""
+    """Normalised innovations squared over time, a panel per reading."""
     ends = np.array([np.min(digest.course.time), np.max(digest.course.time)])
     sheet = Sheet((MIDDLE,) * len(digest.innovations), joined=True)
     for ax, (name, innovation) in zip(sheet.grid[:, 0], digest.innovations.items(), strict=True):
@@ -306,7 +306,7 @@ def squares(digest: Digest) -> Sheet:
 
 
 def whiteness(digest: Digest) -> Sheet:
-    """Correlations of innovations with later ones, one panel for each reading."""
+    """Autocorrelations of the innovations, a panel per reading."""
     sheet = Sheet((LOW,), len(digest.innovations))
     for ax, (name, innovation) in zip(sheet.grid[0], digest.innovations.items(), strict=True):
         half = np.full(2, digest.consistency[name].correlation_bound)
@@ -358,7 +358,7 @@ EQUATIONS = (
 
 
 def track_report(digest: Digest) -> Document:
-    """What the report of a track says and shows."""
+    """The report of a track."""
     made = {one.name: one for one in drawings(digest)}
     recorded, pairs = provenance(digest)
     parts = (
