@@ -1,1 +1,1 @@
-"""The engine: models laid over recordings, their derivatives, and the least-squares problem of fitting them."""
+"""The engine: models applied to recordings, their derivatives, and the least-squares problem of fitting them."""

@@ -1,4 +1,4 @@
-/* one trajectory from row to row; where readings are complete, states that are given are set to what z holds there */
+/* one trajectory from row to row; in complete rows, given states are reset to their values in z */
 void follow(ptrdiff_t rows, const ptrdiff_t *begins, const double *s, const double *p, const unsigned char *complete,
     const unsigned char *given, double *z_along)
 {

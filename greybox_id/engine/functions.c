@@ -1,6 +1,6 @@
-/* Functions, in line where they are few, where the processor multiplies and adds at once: calls of a library would
-   leave no vector in its register. Ranges are reduced to where a short polynomial holds (`tests/support/polynomials.py` derives the
-   coefficients); within 2 ulp. Where reduction ends, lanes go to the mathematical library one by one. */
+/* Functions for processors with fused multiply-add, inlined if they are few: library calls would spill all vector
+   registers. Arguments are reduced to the range of a short polynomial (`tests/support/polynomials.py` derives the
+   coefficients); within 2 ulp. Beyond the reduction, lanes call the mathematical library one by one. */
 #define HALF_PI_0 0x1.921fb54442d18p+0
 #define HALF_PI_1 0x1.1a62633145c07p-54
 #define HALF_PI_2 -0x1.f1976b7ed8fbcp-110
@@ -61,7 +61,7 @@ static INLINE mask bits(m a, m b) { return (a & b) != 0; }
 static INLINE v pick(mask k, v a, v b) { return choose(k, a, b); }
 #endif
 
-/* whether a number of any lane is above a limit; NaN is not */
+/* whether any lane is above a limit; NaN is not */
 static INLINE int any_above(v a, double limit)
 {
 #if W == 8
@@ -83,7 +83,7 @@ static NOINLINE COLD v rest_atan2(v y, v x, v known, double limit)
     return known;
 }
 
-/* sine and cosine: a multiple of pi/2 is taken away; beyond a billion rounding may find the wrong one */
+/* sine and cosine: a multiple of pi/2 is subtracted; beyond a billion rounding may choose the wrong one */
 #define TURNS 1e9
 static INLINE void quarters(v a, v *sine, v *cosine, m *quarter)
 {
@@ -113,7 +113,7 @@ static IN_LINE v v_cos(v a)
     const v r = (v)((m)pick(bits(quarter, (m){0} + 1), s, c) ^ (quarter + 1 & 2) << 62);
     return any_above(v_fabs(a), TURNS) ? rest_cos(a, r, TURNS) : r;
 }
-/* atan(y/x) = k pi/4 + atan of the same turned by -k pi/4: where the ratio is above 1/2 and above 2, k is 1 and 2 */
+/* atan(y/x) = k pi/4 + atan after rotation by -k pi/4; k = 1 for ratios above 1/2, 2 above 2 */
 static INLINE v turned(v above, v below, v k)
 {
     const v t = above / below, z = t * t, zz = z * z, z4 = zz * zz;
@@ -146,7 +146,7 @@ static IN_LINE v v_atan2(v b, v a)
     return any_above(sum, LARGE) ? rest_atan2(b, a, r, LARGE) : r;
 }
 
-/* exp a = 2^n (1 + r + what a polynomial gives), with r within log(2)/2; 2^n is a number up to 1023 */
+/* exp a = 2^n (1 + r + polynomial(r)), with |r| <= log(2)/2; 2^n is finite up to n = 1023 */
 #define SPAN 708
 static INLINE v beyond(v a, v *r, v *power)
 {
@@ -162,12 +162,12 @@ static INLINE v beyond(v a, v *r, v *power)
 static IN_LINE v v_exp(v a)
 {
     v r, power;
-    const mask gone = exceeds(splat(-746), a); /* what fades at once is a lag of none */
+    const mask gone = exceeds(splat(-746), a); /* underflow to zero: a lag of zero decays at once */
     const v b = pick(gone, splat(0), a), s = beyond(b, &r, &power) + r;
     const v e = pick(gone, splat(0), fused(s, power, power));
     return any_above(v_fabs(b), SPAN) ? rest_exp(b, e, SPAN) : e;
 }
-/* tanh a = e / (e + 2) with e = exp(2 a) - 1; what rounding e and e + 2 leaves counts below e = 2; at 20 it is 1 */
+/* tanh a = e / (e + 2) with e = exp(2 a) - 1; rounding errors are corrected below e = 2; at 20 it is 1 */
 static IN_LINE v v_tanh(v a)
 {
     v r, power;

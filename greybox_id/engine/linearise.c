@@ -5,7 +5,7 @@ static inline void add(const v *J, ptrdiff_t n, const short *row, const short *c
         if (moving[column[j]] >= 0) to[row[j] * columns + moving[column[j]]] += J[j];
 }
 
-/* each is read once: compilers would have every product read its operand again, and reading limits this loop */
+/* loads each operand once: compilers would load it again for every product, and loads limit this loop */
 #if defined __x86_64__
 #define IN_REGISTERS(a, b, c) __asm__("" : "+v"(a), "+v"(b), "+v"(c));
 #else
@@ -13,7 +13,7 @@ static inline void add(const v *J, ptrdiff_t n, const short *row, const short *c
 #endif
 #define TILE 3
 #define BATCH (1 + 12 / (NY + 1))
-/* adds the products of columns of n rows, tile by tile of nine in registers: the lower triangle, from a row on */
+/* adds products of columns over n rows to the lower triangle from row `from` on, in tiles of nine in registers */
 static void accumulate(const v *rows, ptrdiff_t n, v *H, ptrdiff_t wide, ptrdiff_t from)
 {
     for (ptrdiff_t i = from; i < wide; i += TILE)
@@ -34,7 +34,7 @@ static void accumulate(const v *rows, ptrdiff_t n, v *H, ptrdiff_t wide, ptrdiff
         }
 }
 
-/* weighted residuals of one reading, and their weights, which are less in the tails of a robust loss */
+/* weighted residuals of one reading and their weights, reduced in the tails of a robust loss */
 static void weigh(const v *y, const v *target, v *w, v *r, double robust)
 {
     for (int i = 0; i < NY; i++) {
@@ -52,7 +52,7 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
     const unsigned char *reads, const double *seed, double *z_out, double *Z_out, double *y_out, double *Y_out,
     const double *target, const double *weight, const double *given, double *H_out, double *scratch)
 {
-    /* derivatives and, as their last column, residuals: the last row of their product is J'r */
+    /* derivatives with the residuals as last column: the last row of their product is J'r */
     const ptrdiff_t wide = (columns + TILE) / TILE * TILE, packed = columns * (columns + 1) / 2;
     v *J = (v *)(((size_t)scratch + sizeof(v) - 1) / sizeof(v) * sizeof(v)), *H = J + BATCH * NY * wide;
     if (H_out) memset(J, 0, BATCH * NY * wide * sizeof(v));

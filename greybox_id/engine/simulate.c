@@ -1,4 +1,4 @@
-/* whether states are as near to others as that, in all lanes */
+/* whether states are within `near` of others, in all lanes */
 static int alike(const v *z, const double *others, ptrdiff_t stride, const ptrdiff_t *row, const double *near)
 {
     v other[NZ];
@@ -24,7 +24,7 @@ void simulate(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t
         value_fixed(q, w);
         for (; k < segments; k++) {
             if (keeps[k]) {
-                if (near && alike(z, z_out + at * NZ, kept * NZ, row, near)) break; /* what follows is known */
+                if (near && alike(z, z_out + at * NZ, kept * NZ, row, near)) break; /* the rest is known */
                 scatter(z, NZ, z_out + at++ * NZ, kept * NZ, row, real);
             }
             gather(now, NS, s + k * NS, apart, row);

@@ -48,7 +48,7 @@ static INLINE v fused(v a, v b, v c) { LANES c[l] = __builtin_fma(a[l], b[l], c[
 static INLINE v fused(v a, v b, v c) { return a * b + c; }
 #endif
 
-/* whether a number of any lane is other than zero; NaN is */
+/* whether any lane is not zero; NaN is not zero */
 static INLINE int any_set(v a)
 {
 #if W == 8
@@ -62,7 +62,7 @@ static INLINE int any_set(v a)
 #endif
 }
 
-/* as C and CasADi have it: the other one, where one is NaN */
+/* as in C and CasADi: if one is NaN, the other one */
 static INLINE v v_fmin(v a, v b) { return choose(a < b, a, choose(b == b, b, a)); }
 static INLINE v v_fmax(v a, v b) { return choose(a > b, a, choose(b == b, b, a)); }
 static INLINE v v_sign(v a) { return choose(a < splat(0), splat(-1), choose(a > splat(0), splat(1), a)); }
@@ -90,12 +90,12 @@ LANEWISE(acosh) LANEWISE(atanh) LANEWISE(expm1) LANEWISE(log1p) LANEWISE(erf) LA
 #endif
 LANEWISE2(fmod) LANEWISE2(remainder)
 
-/* these stand in `functions.c` where there is a fused operation */
+/* `functions.c` defines these for processors with fused multiply-add */
 #if !FUSED
 #if LIBMVEC >= 222
 LIBRARY(sin) LIBRARY(cos)
 v MVEC(v, exp)(v);
-/* where it is nothing it would be called for each lane: what fades at once is a lag of none */
+/* on underflow libmvec would call it for each lane: a lag of zero decays at once */
 static INLINE v v_exp(v a)
 {
     const m gone = a < splat(-746);
@@ -111,7 +111,7 @@ LANEWISE(atan) LANEWISE(tanh) LANEWISE2(atan2)
 #endif
 #endif
 
-/* W numbers of W lanes, from a vector of each lane to one of each number, and back: pairs of vectors exchange halves */
+/* transpose W numbers of W lanes: pairs of vectors exchange halves */
 #if defined __GNUC__ && !defined __clang__
 #define TRANSPOSES 1
 #define EXCHANGE(distance, LOW, HIGH) \
@@ -141,7 +141,7 @@ static inline __attribute__((always_inline)) void transpose(v *x)
 static void transpose(v *x) {}
 #endif
 
-/* n numbers of each lane, between rows of memory and vectors; lanes beyond the last one repeat it and are not stored */
+/* move n numbers per lane between rows of memory and vectors; lanes beyond the last repeat it and are not stored */
 static inline void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, const ptrdiff_t *row)
 {
     if (TRANSPOSES && n >= W) {
@@ -158,7 +158,7 @@ static inline void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stri
         for (ptrdiff_t k = 0; k < n; k++) to[k] = (v)EACH(k);
     }
 }
-/* the k-th n numbers of a series of each lane; so many at a time are gathered that vectors are full */
+/* the k-th n numbers of each lane's series; several are gathered at a time to fill vectors */
 #define AHEAD(n) ((n) < W ? W : 1)
 static inline v *ahead(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, ptrdiff_t k, ptrdiff_t count,
     const ptrdiff_t *row)

@@ -34,7 +34,7 @@ static void read_all(const v *s, const v *p, const v *w, const double *y, v gate
             const v pull = noise * K[a] - Th;
             for (ptrdiff_t b = 0; b < NX; b++) P[a * NX + b] = T[a * NX + b] + pull * K[b];
         }
-        /* what rounding leaves of asymmetry grows from reading to reading where noise is tiny */
+        /* asymmetry from rounding would grow from reading to reading if noise is tiny */
         for (ptrdiff_t a = 0; a < NX; a++)
             for (ptrdiff_t b = 0; b < a; b++)
                 P[a * NX + b] = P[b * NX + a] = splat(0.5) * (P[a * NX + b] + P[b * NX + a]);
@@ -58,7 +58,7 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
         const int tell = out.filtered && first == 0;
         for (ptrdiff_t k = 0; k < segments; k++) {
             for (ptrdiff_t j = 0; j < NS; j++) now[j] = splat(s[k * NS + j]);
-            if (tell && out.predicted) { /* for the smoother alone */
+            if (tell && out.predicted) { /* only for the smoother */
                 keep(x, NX, out.predicted + k * NX);
                 keep(P, NX * NX, out.predicted_P + k * NX * NX);
             }
@@ -67,7 +67,7 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
                 keep(x, NX, out.filtered + k * NX);
                 keep(P, NX * NX, out.filtered_P + k * NX * NX);
             }
-            for (int l = 0; out.off && l < (out.filtered ? tell : real); l++) { /* of the first alone, or of each */
+            for (int l = 0; out.off && l < (out.filtered ? tell : real); l++) { /* of the first filter only, or of each */
                 const ptrdiff_t at = ((out.filtered ? 0 : first + l) * segments + k) * NY;
                 for (ptrdiff_t i = 0; i < NY; i++) out.off[at + i] = off[i][l], out.spread[at + i] = spread[i][l];
             }
@@ -75,7 +75,7 @@ void filter(ptrdiff_t lanes, ptrdiff_t segments, double gate, const double *weig
             v next[NX], noise[NX], F[NF + 1], T[NX * NX], U[NX * NX];
             step(x, now, q, ws, next, noise, F);
             memcpy(x, next, sizeof next);
-#ifdef THROUGHOUT /* noise Q joins all along: the mean of (1 + t (F - 1)) Q (1 + t (F - 1))' over t from 0 to 1 */
+#ifdef THROUGHOUT /* noise Q enters throughout: the mean of (1 + t (F - 1)) Q (1 + t (F - 1))' over t from 0 to 1 */
             for (ptrdiff_t a = 0; a < NX; a++) noise[a] *= splat(1.0 / 3), P[a * NX + a] += noise[a];
 #endif
             F_times(F, P, T, NX);

@@ -4,7 +4,7 @@
 
 static inline double sum(v a) { double t = 0; LANES t += a[l]; return t; }
 
-/* lower triangle L with L L' = P, row by row; a direction without variance has none */
+/* lower triangle L with L L' = P, row by row; zero in directions without variance */
 static void root(const double *P, double *L)
 {
     for (ptrdiff_t j = 0; j < NX; j++) {
@@ -20,7 +20,7 @@ static void root(const double *P, double *L)
     }
 }
 
-/* point 0 is the mean, 1 to NX lie ahead of it and NX + 1 to 2 NX behind; lanes beyond repeat the mean */
+/* point 0 is the mean, 1 to NX lie on one side of it and NX + 1 to 2 NX on the other; further lanes repeat the mean */
 static void spread_out(const double *x, const double *P, double reach, v X[G][NX])
 {
     double L[NX * NX];
@@ -44,8 +44,8 @@ static void weigh(const double *weights, v wm[G], v wc[G])
     }
 }
 
-/* mean of n numbers over the points, taken from the first one so that what all of them share comes out exactly; they
-   become deviations from it */
+/* mean of n numbers over the points, relative to the first one so that common values are exact; the numbers become
+   deviations from it */
 static void centre(v *X, ptrdiff_t n, const v *wm, double *mean)
 {
     for (ptrdiff_t i = 0; i < n; i++) {
@@ -97,7 +97,7 @@ static void read_all(const v *s, const v *p, const v *w, const double *y, double
         S[a * NY + a] = fmax(S[a * NY + a], e[a] * e[a] / (gate * gate));
         for (ptrdiff_t j = 0; j < NX; j++) C[j * NY + a] = together((v *)X, NX, j, flat, NY, i, wc);
     }
-    /* S = L L'; C becomes C L'^-1 and e becomes L^-1 e, in which everything is a plain sum */
+    /* S = L L'; C becomes C L'^-1 and e becomes L^-1 e, so that updates are plain sums */
     for (ptrdiff_t a = 0; a < count; a++) {
         for (ptrdiff_t b = 0; b < a; b++) {
             for (ptrdiff_t k = 0; k < b; k++) S[a * NY + b] -= S[a * NY + k] * S[b * NY + k];

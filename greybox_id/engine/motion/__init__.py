@@ -1,1 +1,1 @@
-"""Equations of motion laid over recordings: tracing, timing, simulation, and the least-squares problem."""
+"""Equations of motion on recordings: tracing, timing, simulation, and the least-squares problem."""
