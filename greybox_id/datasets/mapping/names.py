@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,98 +22,20 @@ from .evidence import MapEntry
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
 """Meanings other than signals; a hand wheel's angle is the steering angle times a ratio that is not in the file."""
 
-CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
-           "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
-_X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
-_ACC = r"(a|acc|accel|accn|acceleration|g|g force|gforce|beschl|beschleunigung)"
-_OF = r"beschl(eunigung)?"
-_SPEED = r"(v|vel|velocity|speed|geschwindigkeit)"
+_TABLES = tomllib.loads(Path(__file__).parents[1].joinpath("names.toml").read_text("utf-8"))
+_PARTS = {part: f"({names})" for part, names in _TABLES["parts"].items()}
 RULES: dict[str, tuple[str, ...]] = {
-    TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit|zeitstempel|utc( time)?",
-           r"stamp|date|sec|seconds|secs|ts|datetime|date time"),
-    RUN: (r"run|trajectory|segment|episode|run id|trajectory id|segment id|run number",),
-    "v_x": (r"vx|v x|v|speed|u|v long|vlong|vlon|velocity|veh speed|vspeed|linear x|ground speed",
-            rf"{_SPEED} {_X}|{_X} {_SPEED}|geschwindigkeit|spd|veh spd|v veh|v fzg|v car|v ego|longitudinalvelocity"
-            "|tacho"),
-    "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
-    "yaw_rate": (r"(yaw|gier) ?rate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro(scope)? z|gyr z|omega z|wz|w z"
-                 r"|angular z",
-                 r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gierrate|giergeschwindigkeit|gz|gyroz"
-                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z|z rate of rotation|z angular velocity"
-                 r"|gyro yaw( velocity| rate)?|gyro",
-                 r"omega|w|angular (velocity|rate)"),
-    "roll_rate": (r"roll rate|rollrate|gyro(scope)? x|gyr x|omega x|wx|w x|angular x|phi dot|dphi",
-                  r"x rate of rotation|gx|p|angular velocity x|roll (vel|velocity)|wankrate"),
-    "curvature": (r"curv|curvature|kappa|path curvature|road curvature|kr(ü|ue)mmung",),
-    "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
-    "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
-            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|(laengs|längs){_OF}|accelx"
-            r"|inline ?acc(eleration)?|lonacc", r"acc|accel|acceleration"),
-    "a_y": (r"ay|a y|accy|acc y|accel y|lat acc|latacc|acceleration y|linear acceleration y",
-            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|quer{_OF}|accely"),
-    "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
-    "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
-              r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
-              r"|steered angle|lenkwinkel|servo( pos| position)?",
-              r"steer(ing)?( angle)? (cmd|command|target|ref(erence)?|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
-    "steer_measured": (r"steer(ing)?( angle)? (meas|measured|actual|act|feedback|fb)",),
-    HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
-                 r"|steeringwheelangle|stwhl( ang| angle)?|steering wheel position|lrw|lenkrad",),
-    "motor_current": (r"motor current|current motor|i motor|current|imot|i mot|i q|iq",),
-    "drive_force": (r"drive force|traction force|driving force|force x|fx",),
-    "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
-    "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?",
-                 r"tps|aps|app|gaspedal|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)"
-                 r"|fahrpedal((roh)?wert)?|throttleposition|throttle duty"),
-    "brake": (r"brake|brake (pos|position|pedal|pressure|press|command|cmd)|brk|brakepedal|bremse",
-              r"brake ped( cmd)?|brakepressure|pbrake( f)?|brake (pressure|press) (f|front)|bremsdruck|brk pos"
-              r"|brake pedal (pos|position)"),
-    "road_slope": (r"road slope|slope|grade|road grade|incline|gradient",),
-    "roll": (r"roll|roll angle|phi|wankwinkel",),
-    "pitch": (r"pitch|pitch angle|theta|nickwinkel",),
-    "yaw": (r"yaw|psi|heading|yaw angle|orientation yaw|gierwinkel", r"course|course angle|bearing"),
-    "x": (r"x|pos x|pose x|position x|x pos|x position|px", r"east|easting|local x|map x|pos east"),
-    "y": (r"y|pos y|pose y|position y|y pos|y position|py", r"north|northing|local y|map y|pos north"),
-    "latitude": (r"latitude|lat|lat deg",),
-    "longitude": (r"longitude|lon|lng|long",),
-    **{f"wheel_speed_{c}": (rf"(wheel speed|wheelspeed|ws|whl spd|omega|wheel|wspd|n|drehzahl|(wheel )?rpm) {w}"
-                           rf"|{w} wheel speed",)
-       for c, w in CORNERS.items()},
-    **{f"wheel_speed_{w}": (rf"(wheel speed|wheelspeed|ws|omega|wheel) {s}|{s} wheel( speed| vel| velocity)?",)
-       for w, s in (("left", "(left|l)"), ("right", "(right|r)"))},
-}  # fmt: skip
-"""Signal -> patterns of names in plain words, most specific first."""
-AMBIGUOUS = {
-    "omega": "the angular velocity of a wheel or a motor",
-    "w": "the angular velocity of a wheel or a motor",
-    "angular velocity": "the angular velocity of a wheel or a motor",
-    "angular rate": "the angular velocity of a wheel or a motor",
-    **dict.fromkeys(("servo", "servo pos", "servo position"), "the setting of a servo in its own units"),
-    "phi": "the heading",
-    "theta": "the heading",
+    signal: tuple("|".join(names).format(**_PARTS) for names in ranks) for signal, ranks in _TABLES["signals"].items()
 }
+"""Signal -> patterns of names in plain words, most specific first."""
+AMBIGUOUS: dict[str, str] = {name: other for other, names in _TABLES["ambiguous"].items() for name in names}
 """Names with a second usual meaning: such a column is never mapped without a question, unless another column has the
 other meaning by name."""
-
 PLACES = ("lat", "long")
 """Name endings that mean an acceleration or a speed more often than a place."""
-WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
-"""Words of commands and references: such a column is not a measured speed or acceleration."""
-NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|cval|signal|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder"
-                   r"|0\d)\b")  # fmt: skip
-WORDS_OF_UNITS = {
-    "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
-    "knots": "knot",
-    "mps2": "m/s^2", "ms2": "m/s^2", "m s2": "m/s^2", "m s 2": "m/s^2", "mss": "m/s^2", "g": "g", "gs": "g",
-    "rad": "rad", "deg": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "mrad": "mrad",
-    "rads": "rad/s", "radps": "rad/s", "rad s": "rad/s", "rad sec": "rad/s",
-    "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg s": "deg/s", "deg sec": "deg/s", "grad s": "deg/s",
-    "rpm": "rpm", "m": "m", "mm": "mm", "a": "A", "amp": "A", "amps": "A", "ma": "mA", "n": "N", "kn": "kN",
-    "mg": "mg", "mdps": "mdeg/s",
-    "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
-    "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
-}  # fmt: skip
+WISHES, NOISE = (re.compile(rf"\b({'|'.join(_TABLES['words'][kind])})\b") for kind in ("wishes", "noise"))
+"""Words of commands and references, which mark a column as not measured; words without a meaning."""
+WORDS_OF_UNITS: dict[str, str] = {words: unit for unit, ends in _TABLES["units"].items() for words in ends}
 """Unit suffixes of names."""
 RATES = {"yaw": "yaw_rate", "roll": "roll_rate"}
 """Angle -> its rate, which is meant if the unit is that of a rate."""
