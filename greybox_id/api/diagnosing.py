@@ -11,7 +11,7 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.version import __version__
 from ..datasets.checks.finding import listed
-from ..datasets.recording import Recording
+from ..datasets.recording import Recording, held_twice
 from ..engine.simulation import Diagnosed, equations_of_motion
 from ..fitting.fit import Fit
 from ..fitting.holding import as_fitted
@@ -104,7 +104,10 @@ def diagnose(
         before = None if before is None else [as_fitted(model, one) for one in before]
     everything = [*recordings, *others, *(before or ())]
     must_be_diagnosable(nominal, everything)
-    must_differ(recordings, others)
+    if twice := held_twice(recordings, others):
+        raise BadInput(
+            f"‹held_out›: {twice[0]} holds the same data as {twice[1]}, which is diagnosed. Hold out another recording."
+        )
     tried = _candidates(effects)
     if before is not None:
         if more:
@@ -160,21 +163,6 @@ def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> 
             raise BadInput(
                 f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; name "
                 "the column of at least one of these in the column map (‹columns›)."
-            )
-
-
-def must_differ(recordings: Sequence[Recording], others: Sequence[Recording]) -> None:
-    """Raise `BadInput` where the same data are diagnosed and held out."""
-    seen = {recording.source.sha256: recording for recording in recordings if recording.source.sha256}
-    for recording in others:
-        same = seen.get(recording.source.sha256)
-        if any(recording is one for one in recordings) or (
-            same is not None and same.runs == recording.runs and len(same) == len(recording)
-        ):
-            there = recording.source.path or recording.name
-            beside = same.source.path if same is not None else recording.name
-            raise BadInput(
-                f"‹held_out›: {there} holds the same data as {beside}, which is diagnosed. Hold out another recording."
             )
 
 

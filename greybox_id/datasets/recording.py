@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
@@ -387,6 +387,19 @@ def join(recordings: Iterable[Recording], name: str) -> Recording:
         extra_units={n: u for part in parts for n, u in part.extra_units.items() if n in common},
         hold=parts[0].hold,
     )
+
+
+def held_twice(recordings: Sequence[Recording], others: Sequence[Recording]) -> tuple[str, str] | None:
+    """The first of others that holds the same data as one of these recordings: where both came from; None for none."""
+    known = {one.source.sha256: one for one in recordings if one.source.sha256}
+    for other in others:
+        same = known.get(other.source.sha256)
+        if any(other is one for one in recordings) or (
+            same is not None and same.runs == other.runs and np.array_equal(same.time, other.time)
+        ):
+            first, second = (one.source.path or one.name for one in (other, same or other))
+            return first, second
+    return None
 
 
 def split_runs(time: Array) -> tuple[tuple[int, int], ...]:

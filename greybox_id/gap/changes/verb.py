@@ -20,7 +20,7 @@ from ...base.errors import BadInput
 from ...base.numbers import listed, number, the_recordings
 from ...base.shorthands import Array
 from ...datasets.checks import Severity, check
-from ...datasets.recording import Recording
+from ...datasets.recording import Recording, held_twice
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
@@ -202,28 +202,16 @@ def _begun(
         raise BadInput(f"No vehicle is stated for {model.name}: name a vehicle, or a fit.")
     if not isinstance(model, MotionModel) or model.learnt:
         raise BadInput(f"{model.name} holds a network's weights: changes are diagnosed for equations of motion only.")
-    _must_differ(after, since)
+    if twice := held_twice(after, since):
+        raise BadInput(
+            f"{twice[0]} is named as a recording from before the change, but it holds the same data as {twice[1]}, in "
+            "which something may have changed. Name recordings from before the change."
+        )
     read = _readings(model, [*after, *since])
     value = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
     if not value:
         raise BadInput(f"No effect that may change between runs acts on {model.name} and these recordings.")
     return model, vehicle, read, value
-
-
-def _must_differ(recordings: Sequence[Recording], since: Sequence[Recording]) -> None:
-    """Raise `BadInput` where the same data are from before and from after."""
-    there = {recording.source.sha256: recording for recording in recordings if recording.source.sha256}
-    for recording in since:
-        same = there.get(recording.source.sha256)
-        if any(recording is one for one in recordings) or (
-            same is not None and same.runs == recording.runs and np.array_equal(same.time, recording.time)
-        ):
-            other = same if same is not None else recording
-            raise BadInput(
-                f"{recording.source.path or recording.name} is named as a recording from before the change, but it "
-                f"holds the same data as {other.source.path or other.name}, in which something may have changed. Name "
-                "recordings from before the change."
-            )
 
 
 def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
