@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -25,6 +26,58 @@ from .trace import Trace
 
 Nodes = list[Array]
 """Per run, (n, outputs) predictions; rows before the first prediction are measurements."""
+
+AT_ONCE = 4096
+"""Rows up to which short runs are concatenated: beyond, the overhead of numpy's calls is negligible, and the Jacobian
+fills the memory."""
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Runs that are evaluated in one call.
+
+    Attributes
+    ----------
+    run : the concatenated runs.
+    numbers : indices of these runs.
+    spans : for each, its rows among the predictions of `run`; the rows between cross a join.
+    """
+
+    run: Run
+    numbers: range
+    spans: tuple[slice, ...]
+
+    @staticmethod
+    def of(several: Sequence[Run], numbers: range) -> _Stretch:
+        """The stretch of these runs."""
+        ends = np.cumsum([len(several[k]) for k in numbers]).tolist()
+        first = several[numbers.start].first
+        spans = [slice(end - len(several[k]), end - first) for k, end in zip(numbers, ends, strict=True)]
+        return _Stretch(_joined([several[k] for k in numbers]), numbers, tuple(spans))
+
+    def over_all(self, several: Sequence[Array]) -> Array:
+        """Rows of each run at their places among all predictions, zero across joins."""
+        if len(several) == 1:
+            return several[0]
+        result = np.zeros((self.spans[-1].stop, *several[0].shape[1:]))
+        for span, rows in zip(self.spans, several, strict=True):
+            result[span] = rows
+        return result
+
+
+def _joined(several: Sequence[Run]) -> Run:
+    """Runs concatenated, for evaluation in one call; predictions of windows across joins get weight zero."""
+    if len(several) == 1:
+        return several[0]
+    result, start = copy(several[0]), 0
+    result.pieces = []
+    for run in several:
+        result.pieces += [slice(start + piece.start, start + piece.stop) for piece in run.pieces]
+        start += len(run)
+    result.rows = range(start)
+    result.recorded = np.concatenate([run.recorded for run in several])
+    result.measured = np.concatenate([run.measured for run in several])
+    return result
 
 
 class Problem:
@@ -63,6 +116,8 @@ class Problem:
         self._keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
         self.sensing = Sensing(trace.model)
         self.layout = lay_out(trace.model, len(self.runs), self.copies)
+        self._stretches = self._cut()
+        self._weights: list[Array] | None = None
         self.bounds, self.free = limits(trace.model, self.layout)
         self._priors: dict[tuple[tuple[str, float], ...], tuple[sp.csr_matrix, Array, Array]] = {}
         self.R, self.r, self._believed = self._prior(strengths or {})
@@ -84,7 +139,7 @@ class Problem:
         other = copy(self)
         other._last = None
         if noise is not None or keep is not None:
-            other._missed = None
+            other._missed = other._weights = None
         if noise is not None:
             other.noise = np.asarray(noise, dtype=float)
         if strengths is not None:
@@ -96,6 +151,17 @@ class Problem:
         if keep is not None:
             other._keep = list(keep)
         return other
+
+    def _cut(self) -> list[_Stretch]:
+        """Open-loop runs without run-scoped parameters, concatenated up to `AT_ONCE` rows."""
+        alone = self.closed_loop or not self.sensing.plain or any(p.scope == "run" for p in self.trace.model.parameters)
+        result, start, rows = [], 0, 0
+        for k, run in enumerate(self.runs):
+            if k > start and (alone or rows + len(run) > AT_ONCE):
+                result.append(_Stretch.of(self.runs, range(start, k)))
+                start, rows = k, 0
+            rows += len(run)
+        return [*result, _Stretch.of(self.runs, range(start, len(self.runs)))]
 
     def _prior(self, strengths: Mapping[str, float]) -> tuple[sp.csr_matrix, Array, Array]:
         """Jacobian R and offset r of the prior residuals R x - r, and R'R; cached for all copies of this problem."""
@@ -142,10 +208,8 @@ class Problem:
         if not nodes and self._missed is not None and np.array_equal(x, self._missed[0]):
             return self._missed[1]
         total = 0.0
-        for k, run in enumerate(self.runs):
-            p = x[self.layout.index[k]]
-            y = nodes[k][run.predicted] if nodes else run.predict(p)
-            residuals, _ = self._residuals(k, y, None, p)
+        for place, y in enumerate(self._predicted(x, nodes)):
+            residuals, _ = self._residuals(place, y, None, x)
             total += 0.5 * float(np.sum(residuals**2))
         if not nodes:
             self._missed = x.copy(), total
@@ -153,18 +217,26 @@ class Problem:
 
     def simulated(self, x: Array, nodes: Nodes) -> Iterator[Array]:
         """Per run, the simulated sensor readings, (rows, outputs)."""
-        for k, run in enumerate(self.runs):
-            p = x[self.layout.index[k]]
-            yield self.sensing(nodes[k][run.predicted] if nodes else run.predict(p), None, p)[0]
+        for stretch, y in zip(self._stretches, self._predicted(x, nodes), strict=True):
+            for k, span in zip(stretch.numbers, stretch.spans, strict=True):
+                yield self.sensing(y[span], None, x[self.layout.index[k]])[0]
+
+    def _predicted(self, x: Array, nodes: Nodes) -> Iterator[Array]:
+        """Per stretch, predictions (rows, outputs)."""
+        for stretch in self._stretches:
+            k, run = stretch.numbers.start, stretch.run
+            yield nodes[k][run.predicted] if nodes else run.predict(x[self.layout.index[k]])
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise all residuals at a matched point and eliminate the nodes."""
         if self._last is not None and np.array_equal(self._last[0], x):  # nodes match, so x determines them
             return self._last[1]
         result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
-        for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
-            rows = _counted(self.keep[k][self.runs[k].predicted])
-            self._add(result, k, residuals[rows], J[rows])
+        for stretch, weight, (residuals, J) in zip(
+            self._stretches, self._weighing, self._linearised(x, nodes), strict=True
+        ):
+            rows = _counted(weight[:, 0])
+            self._add(result, stretch.numbers.start, residuals[rows], J[rows])
         self._last = (x.copy(), result)
         return result
 
@@ -212,10 +284,11 @@ class Problem:
         if not self.sensing.plain:
             return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
         g = np.asarray(self.R.T @ self.prior_residuals(x))
-        for k, (run, index) in enumerate(zip(self.runs, self.layout.index, strict=True)):
-            p = x[index]
-            weighed = partial(_weighed, run.measured[run.predicted], self.weight(k))
-            pulled = run.pulled(p, weighed, nodes[k] if nodes else None)
+        for stretch, weight in zip(self._stretches, self._weighing, strict=True):
+            k, run = stretch.numbers.start, stretch.run
+            index = self.layout.index[k]
+            weighed = partial(_weighed, run.measured[run.predicted], weight)
+            pulled = run.pulled(x[index], weighed, nodes[k] if nodes else None)
             if pulled is None:
                 return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
             np.add.at(g, index, pulled)
@@ -226,9 +299,14 @@ class Problem:
 
         The derivative is total: it includes the parameters' effect through the nodes. For fixed parameters it is zero.
         """
-        for k, run in enumerate(self.runs):
-            p = x[self.layout.index[k]]
-            lines = run.linearise(p, nodes[k] if nodes else None)
+        for stretch, (residuals, J) in zip(self._stretches, self._linearised(x, nodes), strict=True):
+            yield from ((residuals[span], J[span]) for span in stretch.spans)
+
+    def _linearised(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:
+        """Per stretch, residuals and total derivative as of `residuals`, zero across joins."""
+        for place, stretch in enumerate(self._stretches):
+            k = stretch.numbers.start
+            lines = stretch.run.linearise(x[self.layout.index[k]], nodes[k] if nodes else None)
             by_p, free = lines.by_p, self.free[self.layout.index[k]]
             if not np.all(free):
                 by_p[:, :, ~free] = 0.0
@@ -236,25 +314,30 @@ class Problem:
                 by_p = _condense(by_p, lines.by_nodes)  # zero columns stay zero; selecting the others costs more
             elif lines.by_nodes is not None:
                 by_p[:, :, free] = _condense(by_p[:, :, free], lines.by_nodes)
-            flat, J = self._residuals(k, lines.y, by_p, p)
+            flat, J = self._residuals(place, lines.y, by_p, x)
             assert J is not None
             yield flat.reshape(lines.y.shape), J.reshape(by_p.shape)
 
-    def weight(self, k: int) -> Array:
-        """Factor on the residuals of run k, (rows, outputs): root of the row's weight over the noise."""
-        return np.asarray(
-            np.sqrt(self.keep[k][self.runs[k].predicted])[:, None]
-            / (self.noise * np.sqrt(len(self.runs) / self.copies))
-        )
+    @property
+    def _weighing(self) -> list[Array]:
+        """Per stretch, factor on its residuals, (rows, outputs): root of the row's weight over the noise."""
+        if self._weights is None:
+            unit = self.noise * np.sqrt(len(self.runs) / self.copies)
+            self._weights = [
+                stretch.over_all(
+                    [np.sqrt(self.keep[k][self.runs[k].predicted])[:, None] / unit for k in stretch.numbers]
+                )
+                for stretch in self._stretches
+            ]
+        return self._weights
 
     def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""
         return np.asarray(self.R @ x - self.r)
 
-    def _residuals(self, k: int, y: Array, by_p: Array | None, p: Array) -> tuple[Array, Array | None]:
-        run = self.runs[k]
-        observed, observed_by_p = self.sensing(y, by_p, p)
-        weight = self.weight(k)
+    def _residuals(self, place: int, y: Array, by_p: Array | None, x: Array) -> tuple[Array, Array | None]:
+        run, weight = self._stretches[place].run, self._weighing[place]
+        observed, observed_by_p = self.sensing(y, by_p, x[self.layout.index[self._stretches[place].numbers.start]])
         residuals = ((observed - run.measured[run.predicted]) * weight).ravel()
         if observed_by_p is None:
             return residuals, None

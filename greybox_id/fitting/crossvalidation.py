@@ -248,12 +248,9 @@ def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Arr
 def _square(problem: Problem, x: Array, held_out: list[Array]) -> float:
     """Mean square error at x over the rows held out."""
     total, count = 0.0, 0.0
-    for k, run in enumerate(problem.runs):
-        rows = held_out[k][run.predicted]
-        if np.any(rows):
-            p = x[problem.layout.index[k]]
-            seen, _ = problem.sensing(run.predict(p), None, p)
-            error = np.minimum(np.abs(seen - run.measured[run.predicted]) / problem.noise, WORST)
-            total += float(rows @ np.sum(error**2, axis=1))
-            count += float(np.sum(rows))
+    for run, rows, seen in zip(problem.runs, held_out, problem.simulated(x, []), strict=True):
+        counted = rows[run.predicted]
+        error = np.minimum(np.abs(seen - run.measured[run.predicted]) / problem.noise, WORST)
+        total += float(counted @ np.sum(error**2, axis=1))
+        count += float(np.sum(counted))
     return total / (count * len(problem.noise))
