@@ -75,14 +75,14 @@ def off_bounds(model: MotionModel, p: Array) -> Array:
     """
     result, start = np.array(p), 0
     for parameter in model.parameters:
-        at, start = slice(start, start + parameter.size), start + parameter.size
+        entries, start = slice(start, start + parameter.size), start + parameter.size
         if not parameter.fixed and parameter.prior is not None:
             (low, high), sd = (
                 parameter.bounds,
                 np.broadcast_to(np.asarray(parameter.prior.sd, float), parameter.shape).ravel(),
             )
             inside = np.where(np.isfinite(sd), np.minimum(low + sd, 0.5 * (low + high)), low)
-            result[at] = np.where(result[at] <= low, inside, result[at])
+            result[entries] = np.where(result[entries] <= low, inside, result[entries])
     return result
 
 
@@ -130,11 +130,11 @@ def attempted(
     """Fit from one start; the last point reached if interrupted; None if the model is not finite."""
     reached: Attempt | None = None  # only the last one: each has layouts of all rows
     try:
-        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
-            if attempt.solution.status is Status.NOT_FINITE:
+        for latest in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
+            if latest.solution.status is Status.NOT_FINITE:
                 return None
-            reached = attempt
-            if attempt.solution.status is Status.INTERRUPTED:
+            reached = latest
+            if latest.solution.status is Status.INTERRUPTED:
                 break
         else:
             return reached
@@ -187,13 +187,13 @@ def _on_the_way(
     outputs = simulator.trace.model.outputs
     spread = np.array([_spread(recordings, output) for output in outputs])
     noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
-    usual, ahead = _sample_time(recordings), None
+    sample_time, ahead = _sample_time(recordings), None
     for rows in short if how.solver != "ipopt" else ():
-        if how.horizon is not None and rows * usual >= how.horizon:
+        if how.horizon is not None and rows * sample_time >= how.horizon:
             break
         ahead = MotionProblem(
-            simulator, recordings, noise=noise, horizon=rows * usual, most_rows=SHORT_ROWS, starts="measured", about=p,
-            like=ahead,
+            simulator, recordings, noise=noise, horizon=rows * sample_time, most_rows=SHORT_ROWS, starts="measured",
+            about=p, like=ahead,
         )  # fmt: skip
         solution = gauss_newton(
             ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
@@ -203,21 +203,21 @@ def _on_the_way(
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
     problem = _problem(simulator, recordings, noise, how, p, ahead)
     del ahead
-    x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
+    x, noise_stated = problem.unknowns(p), how.noise.keys() >= {*outputs}
     x = at_best_sizes(problem, recordings, x if short else with_starts(problem, x), EVERY_SIZE, say)
-    settled, taken = known and not problem.carries, 0
+    settled, steps_taken = noise_stated and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
         solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
-        taken += solution.steps  # if earlier rounds ended at the optimum, the last one has no step left to take
-        solution = replace(solution, steps=taken)
+        steps_taken += solution.steps  # if earlier rounds ended at the optimum, the last one has no step left to take
+        solution = replace(solution, steps=steps_taken)
         yield Attempt(problem, p, solution)
         x, noise = solution.x, _counted_noise(problem, solution)
-        moved = 0.0 if known else float(np.max(np.abs(np.log(noise / problem.noise)), initial=0.0))
+        change = 0.0 if noise_stated else float(np.max(np.abs(np.log(noise / problem.noise)), initial=0.0))
         if problem.carries:
-            moved = max(moved, SAME_NOISE / SAME_PLACE * _relative_change(p, problem.shared(x)))
-        if settled and (moved < SAME_NOISE or rounds_left == 0):
+            change = max(change, SAME_NOISE / SAME_PLACE * _relative_change(p, problem.shared(x)))
+        if settled and (change < SAME_NOISE or rounds_left == 0):
             break
-        settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
+        settled, p = change < SAME_NOISE or rounds_left == 1, problem.shared(x)
         problem.forget_targets()
         problem = _problem(simulator, recordings, noise, how, p, problem)
         x = at_best_sizes(problem, recordings, x, NEAR_SIZES, say)
@@ -335,10 +335,10 @@ def _spread_of(problem: MotionProblem, errors: Array) -> Array:
     """As `residual_noise`, for errors (N, outputs); column by column: for hours of data a copy of all is large."""
     result = np.array(problem.noise, dtype=float)
     for k, column in enumerate(errors.T):
-        known = column[np.isfinite(column)]
-        if len(known):
+        finite = column[np.isfinite(column)]
+        if len(finite):
             robust = problem.targets.robust is not None
-            spread = MIDDLE_HALF * np.median(np.abs(known)) if robust else np.sqrt(np.mean(known**2))
+            spread = MIDDLE_HALF * np.median(np.abs(finite)) if robust else np.sqrt(np.mean(finite**2))
             result[k] = max(float(spread), LEAST_NOISE)
     return result
 
@@ -457,6 +457,6 @@ def _refined(problem: Problem, result: Solution) -> Solution:
     if nearer.status is Status.INTERRUPTED or nearer.objective > result.objective:
         return result
     steps = result.steps + len(history) - 1 + nearer.steps
-    known = (*result.history, *history[1:], *nearer.history[1:])
+    history_joined = (*result.history, *history[1:], *nearer.history[1:])
     status = Status.CONVERGED if nearer.status is Status.CONVERGED else result.status
-    return replace(nearer, status=status, steps=steps, history=known)
+    return replace(nearer, status=status, steps=steps, history=history_joined)

@@ -58,20 +58,20 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
         return []
     part = _beginning(recording)
     simulator, best = Simulator(model), float("nan")
-    value = score_motion(simulator, part, model.values, HORIZONS)
+    errors = score_motion(simulator, part, model.values, HORIZONS)
     starts = [_unfitted(model, fit), *([model.values] if _reducible(simulator, part, model.values) else [])]
     for start in starts:
         p = _refitted(simulator, part, start)
         if p is not None:
-            ratio = times_as_large(value, score_motion(simulator, part, p, HORIZONS))
+            ratio = times_as_large(errors, score_motion(simulator, part, p, HORIZONS))
             best = ratio if not best >= ratio else best
     if not best > LESS:
         return []
-    what = f"On {name}" if name else "On the held-out recording"
+    where = f"On {name}" if name else "On the held-out recording"
     return [
         Reason(
             WITH_CARE,
-            f"{what}, errors are {number(best, 2)} times those of the same model fitted to that recording: the "
+            f"{where}, errors are {number(best, 2)} times those of the same model fitted to that recording: the "
             "parameters do not carry over to it.",
         )
     ]
@@ -153,14 +153,14 @@ def _parts_apart(
     for count in dict.fromkeys((named, HALF)):
         parts = _parts(recording, count)
         first = next(parts)
-        times = compared.apart(*first)
+        ratio = compared.apart(*first)
         apart = form.get("apart", False) and count == named
         beyond = apart or (count == HALF and form.get("mixed", False))
-        if times > (WORSE if apart and count == HALF else LESS) and (
-            beyond or _stands_out(times, (compared.apart(*mixed) for mixed in parts))
+        if ratio > (WORSE if apart and count == HALF else LESS) and (
+            beyond or _stands_out(ratio, (compared.apart(*mixed) for mixed in parts))
         ):
-            stays = unfitted is not None and compared.worst(unfitted, first) < times**0.5
-            yield Reason(NOT_USABLE, _parts_differ(times, stays, count))
+            stated_is_better = unfitted is not None and compared.worst(unfitted, first) < ratio**0.5
+            yield Reason(NOT_USABLE, _parts_differ(ratio, stated_is_better, count))
             return
 
 
@@ -170,7 +170,7 @@ def _unfitted(model: MotionModel, fit: Fit) -> Array:
     return model.with_parameters(*(model[n].with_value(v) for n, v in before.items())).values
 
 
-def _parts_differ(times: float, stays: bool, count: int) -> str:
+def _parts_differ(times: float, stated_is_better: bool, count: int) -> str:
     """The sentence; the vehicle is the same if the stated values have less than half the log ratio on both parts."""
     half = "half" if count == HALF else "part"
     one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
@@ -178,7 +178,7 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
         f"A fit to one {one} has, on the other {half}, {number(times, 2)} times the errors of a fit to that other "
         f"{half}. This is more than chance: "
     )
-    if stays:
+    if stated_is_better:
         return result + (
             f"either one {half} does not determine the parameters within such tolerances (the vehicle as stated has "
             "smaller errors on both), or the vehicle has changed. State narrower tolerances, or record more."

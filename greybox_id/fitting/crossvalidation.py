@@ -104,7 +104,7 @@ def choose_strengths(
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
     laid = Problem(trace, recordings, noise=noise)
-    chosen, here, interrupted = dict.fromkeys(names, 1.0), None, False
+    chosen, best_folds, interrupted = dict.fromkeys(names, 1.0), None, False
     tried: dict[tuple[float, ...], float] = {}
 
     def scored(strengths: Mapping[str, float], squares: Array) -> Array:
@@ -123,16 +123,16 @@ def choose_strengths(
         return folds
 
     try:
-        here = fitted(chosen, start)
+        best_folds = fitted(chosen, start)
         for name in names:
             options = [option for factor in FACTORS if (option := {**chosen, name: factor}) != chosen]
-            expected = [scored(option, here.nearby(option)) for option in options]
-            best = int(np.argmin([np.mean(squares) for squares in expected]))
-            if np.mean(expected[best]) > (1 - TOLERANCE) * np.mean(here.squares):
+            first_order = [scored(option, best_folds.nearby(option)) for option in options]
+            best = int(np.argmin([np.mean(squares) for squares in first_order]))
+            if np.mean(first_order[best]) > (1 - TOLERANCE) * np.mean(best_folds.squares):
                 continue
-            there = fitted(options[best], here.x)
-            if _surely_better(there.squares, here.squares):
-                chosen, here = options[best], there
+            candidate = fitted(options[best], best_folds.x)
+            if _surely_better(candidate.squares, best_folds.squares):
+                chosen, best_folds = options[best], candidate
     except KeyboardInterrupt:
         interrupted = True
         if progress is not None:
@@ -141,7 +141,7 @@ def choose_strengths(
         strengths=chosen,
         error=tried.get(tuple(chosen.values()), float("nan")),
         tried=tuple((dict(zip(names, key, strict=True)), error) for key, error in tried.items()),
-        x=None if here is None else here.x,
+        x=None if best_folds is None else best_folds.x,
         interrupted=interrupted,
     )
 
@@ -194,8 +194,8 @@ def cross_validated(problem: Problem, start: Array) -> Folds:
     learned from the held-out stretch.
     """
     whole = _finished(gauss_newton(problem, start, tolerance=WHOLE_TOLERANCE, max_steps=WHOLE_STEPS))
-    dealt = list(blocks(problem, FOLDS))
-    if len(dealt) < 2:
+    folds = list(blocks(problem, FOLDS))
+    if len(folds) < 2:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest "
@@ -205,7 +205,7 @@ def cross_validated(problem: Problem, start: Array) -> Folds:
         )
     ends, squares = [], []
     for fold, (_, held_out) in zip(
-        problem.folds(whole.x, whole.nodes, [kept for kept, _ in dealt]), dealt, strict=True
+        problem.folds(whole.x, whole.nodes, [kept for kept, _ in folds]), folds, strict=True
     ):
         end = _finished(gauss_newton(fold, whole.x, tolerance=TOLERANCE, max_steps=FOLD_STEPS)).x
         ends.append((fold, end, held_out))
@@ -248,9 +248,9 @@ def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Arr
 def _square(problem: Problem, x: Array, held_out: list[Array]) -> float:
     """Mean square error at x over the rows held out."""
     total, count = 0.0, 0.0
-    for run, rows, seen in zip(problem.runs, held_out, problem.simulated(x, []), strict=True):
+    for run, rows, simulated in zip(problem.runs, held_out, problem.simulated(x, []), strict=True):
         counted = rows[run.predicted]
-        error = np.minimum(np.abs(seen - run.measured[run.predicted]) / problem.noise, WORST)
+        error = np.minimum(np.abs(simulated - run.measured[run.predicted]) / problem.noise, WORST)
         total += float(counted @ np.sum(error**2, axis=1))
         count += float(np.sum(counted))
     return total / (count * len(problem.noise))

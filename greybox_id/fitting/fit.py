@@ -75,8 +75,8 @@ def with_reason(verdict: Verdict, reason: Reason | None) -> Verdict:
         return verdict
     worse = USABILITIES.index(reason.at_best) >= USABILITIES.index(verdict.usability)
     kept = verdict.reasons if verdict.usability != USABLE else ()
-    known = (reason.sentence, *kept) if worse else (*kept, reason.sentence)
-    return Verdict(reason.at_best if worse else verdict.usability, known, verdict.comparison)
+    reasons = (reason.sentence, *kept) if worse else (*kept, reason.sentence)
+    return Verdict(reason.at_best if worse else verdict.usability, reasons, verdict.comparison)
 
 
 def weighed(reasons: Sequence[Reason], comparison: Mapping[str, Any]) -> Verdict:
@@ -85,8 +85,8 @@ def weighed(reasons: Sequence[Reason], comparison: Mapping[str, Any]) -> Verdict
     against = sorted(
         (reason for reason in reasons if reason.at_best != USABLE), key=lambda item: -USABILITIES.index(item.at_best)
     )
-    known = against or list(reasons)
-    return Verdict(USABILITIES[worst], tuple(dict.fromkeys(item.sentence for item in known)), comparison)
+    kept = against or list(reasons)
+    return Verdict(USABILITIES[worst], tuple(dict.fromkeys(item.sentence for item in kept)), comparison)
 
 
 CONFIDENCE, Z = 0.975, 1.959963984540054
@@ -110,8 +110,8 @@ def reach(dof: Array | float, quantile: float = CONFIDENCE) -> Array:
     """Half-width of an interval in standard deviations, for an upper quantile, by Student's t."""
     dof = np.asarray(dof, dtype=float)
     finite = np.isfinite(dof)
-    known = Z if quantile == CONFIDENCE else float(special.ndtri(quantile))
-    return np.where(finite, special.stdtrit(np.where(finite, np.maximum(dof, 1.0), 1.0), quantile), known)
+    normal = Z if quantile == CONFIDENCE else float(special.ndtri(quantile))
+    return np.where(finite, special.stdtrit(np.where(finite, np.maximum(dof, 1.0), 1.0), quantile), normal)
 
 
 def combined(combination: Combination, model: Model, covariance: Array, dof: Mapping[str, Array]) -> Combined:
@@ -126,18 +126,18 @@ def combined(combination: Combination, model: Model, covariance: Array, dof: Map
     """
     values = {p.name: float(p.array) for p in model.parameters if p.shape == ()}
     value = float(combination.of(SimpleNamespace(**values)))
-    gradient, of = np.zeros(model.size), np.full(model.size, np.inf)
+    gradient, dof_of = np.zeros(model.size), np.full(model.size, np.inf)
     for name, k in free_places(model.parameters).items():
         if np.isfinite(values[name]):
             step = 1e-6 * max(abs(values[name]), 1e-3)
             up, down = (SimpleNamespace(**{**values, name: values[name] + sign * step}) for sign in (1, -1))
             gradient[k] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
-            of[k] = float(np.min(dof.get(name, np.asarray(np.inf))))
-    moved = np.flatnonzero(gradient)
-    variance = float(gradient[moved] @ covariance[np.ix_(moved, moved)] @ gradient[moved])
+            dof_of[k] = float(np.min(dof.get(name, np.asarray(np.inf))))
+    involved = np.flatnonzero(gradient)
+    variance = float(gradient[involved] @ covariance[np.ix_(involved, involved)] @ gradient[involved])
     shares = gradient * (covariance @ gradient)
     sd = float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf
-    half = float(reach(_welch(shares[moved], of[moved]))) * sd
+    half = float(reach(_welch(shares[involved], dof_of[involved]))) * sd
     return Combined(combination.name, combination.unit, value, sd, value - half, value + half, combination.about)
 
 
@@ -353,11 +353,11 @@ def conflict(fitted: Model) -> float:
     by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least Squares, Phys.
     Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
     """
-    away = [
+    distances = [
         float((p.array - np.asarray(p.prior.mean)) / np.max(np.asarray(p.prior.sd)))
         for p in fitted.parameters
         if p.shape == () and not p.fixed and p.prior is not None and p.prior.mean is not None
     ]
-    if not away or max(map(abs, away)) < SURPRISING:
+    if not distances or max(map(abs, distances)) < SURPRISING:
         return 1.0
-    return max(1.0, float(np.sqrt(np.mean(np.square(away)))))
+    return max(1.0, float(np.sqrt(np.mean(np.square(distances)))))

@@ -204,8 +204,8 @@ def _finite(table: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 def _plain(row: pd.Series[Any]) -> dict[str, Any]:
-    known = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
-    return {n: v for n, v in known.items() if n not in (FINGERPRINT, STRENGTHS_USED)}
+    plain = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+    return {n: v for n, v in plain.items() if n not in (FINGERPRINT, STRENGTHS_USED)}
 
 
 def _key(cell: Mapping[str, Any]) -> str:
@@ -220,13 +220,13 @@ def _kept(done: pd.DataFrame | None, data: str, several: Sequence[Mapping[str, A
         raise BadInput(
             "The existing file holds a grid of other data, another model or other settings; name another place (‹out›)."
         )
-    target = {_key(cell) for cell in several}
+    keys = {_key(cell) for cell in several}
     rows = {}
     for _, row in done.iterrows():
-        value = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
-        key = _key({n: value[n] for n in names})
-        if key in target:
-            rows[key] = value
+        stored = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+        key = _key({n: stored[n] for n in names})
+        if key in keys:
+            rows[key] = stored
     return rows
 
 
@@ -271,9 +271,9 @@ def _row(
 ) -> dict[str, Any]:
     clock = time.process_time()
     trace = Trace(model)
-    noise, near, laid = fit_briefly(trace, [train])
+    noise, start, laid = fit_briefly(trace, [train])
     problem = laid.counted(noise=noise, strengths=strengths)
-    solution = gauss_newton(problem, near, max_steps=MOST_STEPS, tolerance=TOLERANCE)
+    solution = gauss_newton(problem, start, max_steps=MOST_STEPS, tolerance=TOLERANCE)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     fitted = model.with_values(problem.shared(solution.x))
@@ -286,16 +286,16 @@ def _row(
         if recording is None:
             continue
         for protocol in ("published", "honest"):
-            seen = predictions(fitted, recording, protocol, trace=trace)
-            known: dict[str, Error] = errors(fitted, seen, protocol)
-            for output, item in known.items():
+            prediction = predictions(fitted, recording, protocol, trace=trace)
+            output_errors: dict[str, Error] = errors(fitted, prediction, protocol)
+            for output, item in output_errors.items():
                 row[f"{role}_{protocol}_{output}"] = item.rmse
-            residuals = seen.predicted - seen.measured
+            residuals = prediction.predicted - prediction.measured
             if protocol == "published":
                 row["aic"] = sum(aic(item, fitted.size) for item in residuals.T)
             elif role == "train":
-                counted = len(residuals) / correlation_time(residuals / noise)
-                row["aic_effective"] = sum(aic(item, fitted.size, effective=counted) for item in residuals.T)
+                effective = len(residuals) / correlation_time(residuals / noise)
+                row["aic_effective"] = sum(aic(item, fitted.size, effective=effective) for item in residuals.T)
     return row
 
 
@@ -305,25 +305,25 @@ def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, fl
     A fold's fit is one Gauss-Newton step from the fit to all data, without the fold's rows: the refit to first order.
     Errors are clipped at `WORST`, as in choosing strengths.
     """
-    believed = (problem.R.T @ problem.R).toarray()
-    pull = problem.R.T @ problem.prior_residuals(x)
-    result = list(problem.residuals(x, []))
+    prior_curvature = (problem.R.T @ problem.R).toarray()
+    prior_gradient = problem.R.T @ problem.prior_residuals(x)
+    linearised = list(problem.residuals(x, []))
     free = problem.free
     squares = []
     for kept, held_out in blocks(problem, FOLDS):
-        H, g = believed.copy(), np.asarray(pull).copy()
-        for run, rows, (r, J), index in zip(problem.runs, kept, result, problem.layout.index, strict=True):
-            value = rows[run.predicted] > 0
-            flat = J[value].reshape(-1, J.shape[2])
+        H, g = prior_curvature.copy(), np.asarray(prior_gradient).copy()
+        for run, rows, (r, J), index in zip(problem.runs, kept, linearised, problem.layout.index, strict=True):
+            used = rows[run.predicted] > 0
+            flat = J[used].reshape(-1, J.shape[2])
             H[np.ix_(index, index)] += flat.T @ flat
-            g[index] += flat.T @ r[value].ravel()
+            g[index] += flat.T @ r[used].ravel()
         step = np.zeros_like(x)
         ridge = 1e-9 * np.diag(np.diag(H)[free] + 1e-12)
         step[free] = -la.solve(H[np.ix_(free, free)] + ridge, g[free], assume_a="pos")
         total = count = 0.0
-        for run, rows, (r, J), index in zip(problem.runs, held_out, result, problem.layout.index, strict=True):
-            value = rows[run.predicted] > 0
-            error = np.minimum(np.abs(r[value] + J[value] @ step[index]), WORST)
+        for run, rows, (r, J), index in zip(problem.runs, held_out, linearised, problem.layout.index, strict=True):
+            used = rows[run.predicted] > 0
+            error = np.minimum(np.abs(r[used] + J[used] @ step[index]), WORST)
             total, count = total + float(np.sum((scale * error) ** 2)), count + error.size
         squares.append(total / max(count, 1.0))
     if len(squares) < 2:

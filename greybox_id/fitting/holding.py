@@ -50,8 +50,8 @@ def with_hold(recording: Recording, hold: Hold) -> Recording:
 
 def as_fitted(fit: Fit, recording: Recording) -> Recording:
     """A recording whose map does not state the hold, with the hold that the fit took for its recordings."""
-    known = fit.how.get("hold")
-    taken = known.get("taken") if isinstance(known, Mapping) else None
+    hold = fit.how.get("hold")
+    taken = hold.get("taken") if isinstance(hold, Mapping) else None
     if recording.hold_stated or taken not in ("zero", "linear"):
         return recording
     return with_hold(recording, "linear" if taken == "linear" else "zero")
@@ -192,31 +192,33 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
         return None
     (taken,) = holds
     simulator = Simulator(model)
-    once = replace(how, starts=1, solver="gauss-newton", noise=fit.how["counted"])  # one noise, comparable likelihoods
-    here = attempted(simulator, recordings, model.values, once, quiet, model.name, (), TOLERANCE)
-    if here is None or not _ended(here):
+    options = replace(
+        how, starts=1, solver="gauss-newton", noise=fit.how["counted"]
+    )  # one noise, comparable likelihoods
+    fit_taken = attempted(simulator, recordings, model.values, options, quiet, model.name, (), TOLERANCE)
+    if fit_taken is None or not _ended(fit_taken):
         return None
-    noise, p = here.problem.noise, model.with_values(here.problem.shared(here.solution.x))
-    gain = -misfit(here, simulator, recordings, noise, once)
-    errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
+    noise, taken_model = fit_taken.problem.noise, model.with_values(fit_taken.problem.shared(fit_taken.solution.x))
+    gain = -misfit(fit_taken, simulator, recordings, noise, options)
+    errors = fit_taken.problem.errors(fit_taken.problem.simulated_nodes(fit_taken.solution.x))
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
-    del here  # for hours of data, one layout at a time is enough
+    del fit_taken  # for hours of data, one layout at a time is enough
     others = [with_hold(recording, other_than(taken)) for recording in recordings]
-    there = attempted(simulator, others, model.values, once, quiet, model.name, (), TOLERANCE)
-    if there is None or not _ended(there):
+    fit_other = attempted(simulator, others, model.values, options, quiet, model.name, (), TOLERANCE)
+    if fit_other is None or not _ended(fit_other):
         return None
-    gain, q = (
-        gain + misfit(there, simulator, others, noise, once),
-        model.with_values(there.problem.shared(there.solution.x)),
+    gain, other_model = (
+        gain + misfit(fit_other, simulator, others, noise, options),
+        model.with_values(fit_other.problem.shared(fit_other.solution.x)),
     )
-    del there
+    del fit_other
     moved = {
-        parameter.name: float(q[parameter.name].array - parameter.array)
-        for parameter in p.parameters
+        parameter.name: float(other_model[parameter.name].array - parameter.array)
+        for parameter in taken_model.parameters
         if parameter.shape == () and not parameter.fixed
     }
-    late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
-    return Holding(taken, stated, float(gain / rows), moved, late, q.values)
+    late = _late(errors, errors_at(simulator, others, noise, options, taken_model.values), noise, float(gain), rows)
+    return Holding(taken, stated, float(gain / rows), moved, late, other_model.values)
 
 
 def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> float:
@@ -225,12 +227,12 @@ def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> 
     Along the delay the objective is a parabola: its slope at the hold taken is that of the errors, by the envelope
     theorem, and the other hold, half a row further, is a second point on it.
     """
-    known = np.isfinite(here) & np.isfinite(there)
-    e, change = (np.where(known, item, 0.0) / noise for item in (here, there - here))
+    both_read = np.isfinite(here) & np.isfinite(there)
+    e, change = (np.where(both_read, item, 0.0) / noise for item in (here, there - here))
     slope = float(np.sum(e * change)) / rows
     bend = max(2 * (gain / rows - slope), 0.0)
-    entry = bend + 1 / (2 * ROW) ** 2  # with the prior precision: uniform over a row
-    return float(np.hypot(slope / entry, 1 / np.sqrt(entry)))
+    precision = bend + 1 / (2 * ROW) ** 2  # with the prior precision: uniform over a row
+    return float(np.hypot(slope / precision, 1 / np.sqrt(precision)))
 
 
 def _matters(model: MotionModel, recordings: Sequence[Recording]) -> bool:
@@ -255,7 +257,7 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
     held : the comparison.
     step : sample time, s.
     """
-    wider = float(np.hypot(sqrt(held.doubt * (1 - held.doubt)), held.late))
+    share = float(np.hypot(sqrt(held.doubt * (1 - held.doubt)), held.late))
     along = np.concatenate(
         [np.full(parameter.size, held.moved.get(parameter.name, 0.0)) for parameter in fit.model.parameters]
     )
@@ -264,11 +266,13 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
         if parameter.fixed or parameter.name not in held.moved:
             continue
         of_row = ROW * step if parameter.unit == "s" else 0.0
-        sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
-    covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
+        sd[parameter.name] = np.hypot(sd[parameter.name], max(share * abs(held.moved[parameter.name]), of_row))
+    covariance = None if fit.covariance is None else fit.covariance + share**2 * np.outer(along, along)
     if covariance is not None:  # half a row is an independent error of each time: it adds no covariances
-        target = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
-        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * target**2)
+        variance_root = np.concatenate(
+            [np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters]
+        )
+        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * variance_root**2)
     return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
 
 

@@ -95,7 +95,7 @@ def trained_from(
     recordings: Sequence[Recording],
     train: Sequence[Stretch],
     sd: Array,
-    outside: Outside,
+    held_out_of: Outside,
     seed: int,
     say: Say,
     known: Pretraining | None = None,
@@ -104,7 +104,7 @@ def trained_from(
 
     Parameters
     ----------
-    outside : error on held-out data over the last horizon, for early stopping.
+    held_out_of : error on held-out data over the last horizon, for early stopping.
     """
     p = drawn(model, seed)
     if known is not None and "m" not in model:
@@ -119,24 +119,27 @@ def trained_from(
         short = replace(model, window=rows, warm_up=min(model.warm_up, rows - 1) if last else 0)
         problem = HybridProblem(short, train, sd, lesson=WindowErrors(short, beyond, sd) if beyond else None)
 
-        def told(step: int, loss: float, held_out: float, rows: int = rows) -> None:
+        def report(step: int, loss: float, held_out: float, rows: int = rows) -> None:
             line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"
             say(f"{line}, held out {np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
-        def held(q: Array, hybrid_problem: HybridProblem = problem) -> float:
-            return outside(hybrid_problem.parameters(q))
+        def held_out_error(q: Array, hybrid_problem: HybridProblem = problem) -> float:
+            return held_out_of(hybrid_problem.parameters(q))
 
-        here = descend(
-            problem, held, problem.unknowns(p), problem.bounds,
+        descent_result = descend(
+            problem, held_out_error, problem.unknowns(p), problem.bounds,
             warm_up=ADAM if random and rows == horizons[0] else 0, steps=STEPS if last else SHORT_STEPS,
-            patience=PATIENCE if last else SHORT_STEPS, say=told,
+            patience=PATIENCE if last else SHORT_STEPS, say=report,
         )  # fmt: skip
-        best = problem.parameters(here.x)
-        if result is not None and result.held_out[result.best] < here.held_out[here.best]:
-            best, here = result.x, replace(here, held_out=result.held_out, best=result.best, loss=result.loss)
-        result = replace(here, x=best)
+        best = problem.parameters(descent_result.x)
+        if result is not None and result.held_out[result.best] < descent_result.held_out[descent_result.best]:
+            best, descent_result = (
+                result.x,
+                replace(descent_result, held_out=result.held_out, best=result.best, loss=result.loss),
+            )
+        result = replace(descent_result, x=best)
         p = best
-        if here.status == "interrupted":
+        if descent_result.status == "interrupted":
             break
     assert result is not None
     return result
@@ -146,9 +149,9 @@ def counted(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) ->
     """Unit error of each output: as stated, else a share of its spread."""
     spread = []
     for k, name in enumerate(model.outputs):
-        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
-        nan = COUNTS * float(np.std(read)) if len(read) else np.nan
-        spread.append(how.noise.get(name, max(nan, 1e-12) if np.isfinite(nan) else np.nan))
+        finite = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
+        unit_error = COUNTS * float(np.std(finite)) if len(finite) else np.nan
+        spread.append(how.noise.get(name, max(unit_error, 1e-12) if np.isfinite(unit_error) else np.nan))
     if not np.any(np.isfinite(spread)):
         raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
     return np.array(spread)

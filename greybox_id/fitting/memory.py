@@ -80,14 +80,14 @@ def alignment(model: MemoryModel, recordings: Sequence[Recording], say: Say) -> 
         moved = list(recordings)
         for _ in range(ROUNDS):
             fitted, noise = _briefly(part, moved)
-            known = [run_delays(fitted, one, noise) for one in recordings]
+            delays_of_each = [run_delays(fitted, one, noise) for one in recordings]
             moved = [
                 aligned(one, part.inputs, {delay.run: delay.delay for delay in delays})
-                for one, delays in zip(recordings, known, strict=True)
+                for one, delays in zip(recordings, delays_of_each, strict=True)
             ]
-        for item, delays in zip(result, known, strict=True):
-            item[tuple(part.outputs)] = delays
-        words = ", ".join(f"{1e3 * delay.delay:+.0f}" for delays in known for delay in delays)
+        for by_outputs, delays in zip(result, delays_of_each, strict=True):
+            by_outputs[tuple(part.outputs)] = delays
+        words = ", ".join(f"{1e3 * delay.delay:+.0f}" for delays in delays_of_each for delay in delays)
         say(f"{part.name}: runs of the training data aligned, delays {words} ms")
     return Alignment(recordings, result)
 
@@ -138,9 +138,11 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
     seconds = calibrated_seconds(how.calibrate)
     timing = None if seconds is None else alignment(model, recordings, say)
     for part in model.parts or (model,):
-        seen = recordings if timing is None else timing.of(part)
+        training = recordings if timing is None else timing.of(part)
         try:
-            problem, solution, stage = fit_alone(_with(part, values), seen, validate, how, say, alone=not model.parts)
+            problem, solution, stage = fit_alone(
+                _with(part, values), training, validate, how, say, alone=not model.parts
+            )
         except KeyboardInterrupt:
             if not stages:
                 raise  # nothing to keep yet
@@ -159,22 +161,22 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
         whole = _with(model, values)
         held = (replace(whole[name], fixed=True) for name in model.step_2_holds)
         whole = whole.with_parameters(*held)
-        spread = np.array([noise.get(name, 1.0) for name in model.outputs])
-        seen = recordings if timing is None else timing.together(whole)
-        problem = Problem(Trace(whole), seen, closed_loop=True, noise=spread, strengths=strengths)
+        noise_sd = np.array([noise.get(name, 1.0) for name in model.outputs])
+        training = recordings if timing is None else timing.together(whole)
+        problem = Problem(Trace(whole), training, closed_loop=True, noise=noise_sd, strengths=strengths)
         solution, stage = fit_together(problem, strengths, validate, how, say, interrupted)
         stages.append(stage)
         values |= _by_name(problem, solution)
     fitted = _with(model, values)
     if stages[-1].status in NO_OPTIMUM:
-        spread_of = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
+        standard_deviations = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
     else:
         say(f"{model.name}: computing the uncertainty of {fitted.size} parameters")
-        spread_of = _standard_deviations(problem, solution)
-        spread_of |= {name: sd[name] for name in model.step_2_holds if name in sd}
+        standard_deviations = _standard_deviations(problem, solution)
+        standard_deviations |= {name: sd[name] for name in model.step_2_holds if name in sd}
     return Fit(
         model=fitted,
-        sd=spread_of,
+        sd=standard_deviations,
         per_run=_per_run(problem, solution),
         stages=tuple(stages),
         metrics={},

@@ -70,7 +70,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     recordings, validate, how, say = task.recordings, task.validate, task.how, task.say
     if validate is not None:
         motion_runs(model, validate)  # raises on bad data before the work, not after it
-    drives = recorded_as(model, recordings if validate is None else [*recordings, validate])
+    input_signals = recorded_as(model, recordings if validate is None else [*recordings, validate])
     problem, solution, stage = fit_motion(model, recordings, how, say)
     fitted = model.with_values(problem.shared(solution.x))
     result = Fit(
@@ -91,7 +91,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
             "horizon": how.horizon,
             "start_from": how.start_from,
             "robust": how.robust,
-            "inputs": drives,
+            "inputs": input_signals,
             "counted": dict(zip(model.outputs, problem.noise.tolist(), strict=True)),
             "unfitted": {p.name: float(p.array) for p in model.parameters if p.shape == () and not p.fixed},
         },
@@ -145,12 +145,12 @@ def fit_motion(
         result = attempted(simulator, recordings, points[k], how, quiet if away else say, name(k))
         return result.sent() if how.starts > 1 and result is not None else result  # the same for any number of jobs
 
-    def told(k: int, attempt: Attempt | SentAttempt | None) -> bool:
+    def report_progress(k: int, attempt: Attempt | SentAttempt | None) -> bool:
         if away and attempt is not None:
             say(f"{name(k)}: {attempt.solution.status.value} after {attempt.solution.steps} steps")
         return attempt is None or attempt.solution.status is not Status.INTERRUPTED
 
-    done = side_by_side(work, len(points), how.jobs, told)
+    done = side_by_side(work, len(points), how.jobs, report_progress)
     received = (
         one.received(simulator, recordings, how) if isinstance(one, SentAttempt) else one for one in done.results
     )
@@ -164,11 +164,11 @@ def fit_motion(
         try:
             if reached is not None:
                 reached = _confirmed(reached, how, say)
-            why = _trouble(simulator, points[0], reached)
-            if why:
-                for better in _fallbacks(simulator, recordings, points, reached, why, how, say):
+            trouble = _trouble(simulator, points[0], reached)
+            if trouble:
+                for better in _fallbacks(simulator, recordings, points, reached, trouble, how, say):
                     reached = better
-            if why and reached is not None and _trouble(simulator, points[0], reached) == Status.TOO_FAST.value:
+            if trouble and reached is not None and _trouble(simulator, points[0], reached) == Status.TOO_FAST.value:
                 reached = _not_believed(reached)
         except KeyboardInterrupt:
             interrupted = True
@@ -304,36 +304,36 @@ def _fallbacks(
                 partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, ""),
             )
         )
-    it: tuple[str, ...] = ()
+    tried: tuple[str, ...] = ()
     reached = None if reached is None else _light(reached)
     for words, way in ways:
         say(f"{model.name}: {why}; trying {words}")
         result = way()
         if result is None:
-            it = (*it, f"{words}: no finite prediction")
+            tried = (*tried, f"{words}: no finite prediction")
             if reached is not None:
-                yield replace(reached, fallbacks=it)
+                yield replace(reached, fallbacks=tried)
             continue
-        value = _Reached(*_of(result))
+        candidate = _Reached(*_of(result))
         if result.solution.status is Status.INTERRUPTED:
-            yield replace(reached or value, fallbacks=it)
+            yield replace(reached or candidate, fallbacks=tried)
             raise KeyboardInterrupt
-        value = _confirmed(value, how, say)
+        candidate = _confirmed(candidate, how, say)
         gained = np.inf
         if reached is not None:
             noise = reached.problem.noise
             before, after = (
                 misfit(Attempt(one.problem, one.about, one.solution), simulator, recordings, noise, how)
-                for one in (reached, value)
+                for one in (reached, candidate)
             )
             gained = (before - after) / max(abs(before), 1e-300) if np.isfinite(before) else np.inf
-        own_trouble = _trouble(simulator, points[0], value)
-        least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(value) else LOWER
-        if reached is None or gained > least or (gained > -LOWER and not own_trouble):
-            reached = value if not own_trouble else _light(value)
-            why = own_trouble
-            it = (
-                *it,
+        remaining = _trouble(simulator, points[0], candidate)
+        least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(candidate) else LOWER
+        if reached is None or gained > least or (gained > -LOWER and not remaining):
+            reached = candidate if not remaining else _light(candidate)
+            why = remaining
+            tried = (
+                *tried,
                 f"{words}: "
                 + (
                     f"objective {_percent(gained)} lower than the best before"
@@ -342,9 +342,9 @@ def _fallbacks(
                 ),
             )
         else:
-            it = (*it, f"{words}: no better")
-        del result, value  # free their memory before the next way
-        yield replace(reached, fallbacks=it)
+            tried = (*tried, f"{words}: no better")
+        del result, candidate  # free their memory before the next way
+        yield replace(reached, fallbacks=tried)
         if not why:
             return
 
@@ -380,17 +380,17 @@ def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solu
     for rounds_left in reversed(range(CARRIED_ON)):
         if certificate.confirmed:
             break
-        most = MOST_STEPS if rounds_left and certificate.gained > LOWER else SHORT_STEPS
-        polished = gauss_newton(
-            problem, solution.x, max_steps=most, tolerance=TOLERANCE, negligible=0.0, search="levenberg_marquardt"
+        max_steps = MOST_STEPS if rounds_left and certificate.gained > LOWER else SHORT_STEPS
+        refined = gauss_newton(
+            problem, solution.x, max_steps=max_steps, tolerance=TOLERANCE, negligible=0.0, search="levenberg_marquardt"
         )
-        if polished.status is Status.INTERRUPTED:
+        if refined.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
-        if polished.objective > solution.objective:
+        if refined.objective > solution.objective:
             break
-        lower = result.objective - polished.objective > LOWER * max(abs(result.objective), 1e-300)
-        solution = replace(solution, x=polished.x, nodes=polished.nodes, objective=polished.objective)
-        if not (rounds_left and lower and polished.status is Status.CONVERGED):
+        lower = result.objective - refined.objective > LOWER * max(abs(result.objective), 1e-300)
+        solution = replace(solution, x=refined.x, nodes=refined.nodes, objective=refined.objective)
+        if not (rounds_left and lower and refined.status is Status.CONVERGED):
             break
         before = certificate.objective_before
         result = replace(solution, status=Status.CONVERGED)
@@ -423,19 +423,27 @@ def _uncertain(
 
     They include the model-form error, and the many optima of sizes of rounding effects.
     """
-    known = uncertainty(problem, solution.x, solution.nodes)
+    noise_alone = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]
-    mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
+    averaging = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
     for index in problem.parameters.index:
-        mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
+        averaging[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
     size = problem.layout.size
-    beside = form.covariance[:size, :size] + error_of_sizes(problem, recordings, solution.x, known, say)
-    covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + beside) @ mean.T
+    beyond_noise = form.covariance[:size, :size] + error_of_sizes(problem, recordings, solution.x, noise_alone, say)
+    covariance = (
+        averaging
+        @ (np.where(np.isfinite(noise_alone.covariance), noise_alone.covariance, 0.0) + beyond_noise)
+        @ averaging.T
+    )
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
-    of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(beside)[first])
-    wider = conflict(fitted)
-    sd = wider * np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    return {"sd": _named(fitted, sd), "dof": _named(fitted, known.dof[first]), "covariance": wider**2 * covariance}
+    of_shared = np.sqrt(noise_alone.sd[first] ** 2 + np.diag(beyond_noise)[first])
+    factor = conflict(fitted)
+    sd = factor * np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    return {
+        "sd": _named(fitted, sd),
+        "dof": _named(fitted, noise_alone.dof[first]),
+        "covariance": factor**2 * covariance,
+    }
 
 
 def _named(model: Model, vector: Array) -> dict[str, Array]:

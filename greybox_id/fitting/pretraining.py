@@ -80,11 +80,16 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
     changed = []
     for parameter, place in placed(known.model.parameters):
         if parameter.shape == () and parameter.name in model and parameter.name not in model.network.shapes:
-            mine = model[parameter.name]
-            low, high = min(mine.bounds[0], parameter.bounds[0]), max(mine.bounds[1], parameter.bounds[1])
+            parameter_of_model = model[parameter.name]
+            low, high = (
+                min(parameter_of_model.bounds[0], parameter.bounds[0]),
+                max(parameter_of_model.bounds[1], parameter.bounds[1]),
+            )
             value, spread = np.array(float(mean[place.start])), float(sd[place.start])
-            prior = Prior(spread, mean=value) if spread > 0 and not mine.fixed else mine.prior
-            changed.append(replace(mine, value=value, bounds=(low, high), prior=prior))
+            prior = (
+                Prior(spread, mean=value) if spread > 0 and not parameter_of_model.fixed else parameter_of_model.prior
+            )
+            changed.append(replace(parameter_of_model, value=value, bounds=(low, high), prior=prior))
     if not changed:
         raise BadInput(
             f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "
@@ -173,19 +178,19 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
             value = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
             factor[start:stop] = top * random.uniform(1.0, known.beyond) / value
         driven = recording.with_signals(v_x=factor * recording["v_x"], steer=recording["steer"] / factor**2)
-        entry = {name: np.full(len(recording), np.nan) for name in states}
+        simulated = {name: np.full(len(recording), np.nan) for name in states}
         draws = known.draws[random.integers(len(known.draws), size=min(AT_A_POINT, len(known.draws)))]
         for k, p in enumerate(draws):
             run = Predictor(simulator, driven, p).free_run()
-            own_rows = run.run % len(draws) == k
+            of_draw = run.run % len(draws) == k
             for name in states:
-                entry[name][run.rows[own_rows]] = run.predicted[own_rows, vehicle.outputs.index(name)]
+                simulated[name][run.rows[of_draw]] = run.predicted[of_draw, vehicle.outputs.index(name)]
         for start, stop in recording.runs:
             with np.errstate(invalid="ignore"):
-                out = ~(np.abs(driven["v_x"][start:stop] * entry["yaw_rate"][start:stop]) <= most)
+                beyond = ~(np.abs(driven["v_x"][start:stop] * simulated["yaw_rate"][start:stop]) <= most)
             for name in states:
-                entry[name][start:stop][np.logical_or.accumulate(out)] = np.nan
-        result.append(driven.with_signals(**entry))
+                simulated[name][start:stop][np.logical_or.accumulate(beyond)] = np.nan
+        result.append(driven.with_signals(**simulated))
     return tuple(result)
 
 
@@ -224,13 +229,13 @@ def taught(
     for k in range(min(AT_A_POINT, len(draws))):
         p = draws[(k + np.arange(points.shape[1]) * AT_A_POINT) % len(draws)]
         each.append(_rates(simulator, names, points, measured, states, p, h))
-    result = np.array(each)
-    good = np.all(np.isfinite(result), axis=(0, 1))
+    rates_of_draws = np.array(each)
+    good = np.all(np.isfinite(rates_of_draws), axis=(0, 1))
     if not np.any(good):
         raise BadInput(
             f"{vehicle.name} is not finite at any point of the recordings at these parameters. Fit it again."
         )
-    mean, spread = np.mean(result[:, :, good], axis=0), np.std(result[:, :, good], axis=0)
+    mean, spread = np.mean(rates_of_draws[:, :, good], axis=0), np.std(rates_of_draws[:, :, good], axis=0)
     unit = SETTLED * np.std(mean, axis=1, keepdims=True)
     scale = np.sqrt(np.where(unit > 0, unit, 1.0) ** 2 + spread**2)
     index = [names.index(name) for name in states], [names.index(name) for name in model.inputs]

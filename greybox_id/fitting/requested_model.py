@@ -91,10 +91,10 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
                 f"‹start› {name}: {model.name} keeps this parameter fixed; free it with ‹free› {name}, or fix it at "
                 f"this value: ‹fix› {name}={given}."
             )
-    for name, at in choices.fix.items():
+    for name, value_at in choices.fix.items():
         parameter = current(name, "‹fix›", "‹free›", "‹prior›", "‹start›")
-        if at is not None:
-            parameter = _at(parameter, number(at, parameter.unit, f"‹fix› {name}"), "‹fix›")
+        if value_at is not None:
+            parameter = _at(parameter, number(value_at, parameter.unit, f"‹fix› {name}"), "‹fix›")
         changed[name] = replace(parameter, fixed=True, prior=None)
     for name in choices.per_run:
         parameter = current(name, "‹per_run›", "‹fix›")
@@ -118,8 +118,8 @@ def magnitudes(written: Sequence[str]) -> Magnitudes:
         if not equals:
             result[name] = None
             continue
-        known = belief(value, EFFECTS[name].parameter.unit, f"‹effects› {name}")
-        result[name] = known.value if known.sd is None else Stated(known.value, known.sd, source="given")
+        stated = belief(value, EFFECTS[name].parameter.unit, f"‹effects› {name}")
+        result[name] = stated.value if stated.sd is None else Stated(stated.value, stated.sd, source="given")
     return result
 
 
@@ -134,10 +134,10 @@ def started(model: AnyModel, effects: Magnitudes) -> AnyModel:
     new = {}
     for name, effect in effects.items():
         if isinstance(effect, Stated) and name in model and name in EFFECTS:
-            value, null = model[name], EFFECTS[name].parameter.array
-            if not value.fixed and value.array == null:
-                typical = min(max(EFFECTS[name].typical, value.bounds[0]), value.bounds[1])
-                new[name] = value.with_value(typical)
+            parameter, null = model[name], EFFECTS[name].parameter.array
+            if not parameter.fixed and parameter.array == null:
+                typical = min(max(EFFECTS[name].typical, parameter.bounds[0]), parameter.bounds[1])
+                new[name] = parameter.with_value(typical)
     return _replaced(model, new)
 
 
@@ -225,8 +225,8 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
 
 def _replaced(model: AnyModel, changed: Mapping[str, Parameter]) -> AnyModel:
     """The model, and its parts, with parameters replaced."""
-    value = model.with_parameters(*(p for name, p in changed.items() if name in model))
-    return replace(value, parts=tuple(_replaced(part, changed) for part in value.parts))
+    changed_model = model.with_parameters(*(p for name, p in changed.items() if name in model))
+    return replace(changed_model, parts=tuple(_replaced(part, changed) for part in changed_model.parts))
 
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm", "dart": "dart"}
@@ -292,15 +292,15 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         if not lacking:
             continue
         others = [build(name) for name in MODELS]
-        others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
-        would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
-        target = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
+        others = [other for other in others if isinstance(other, MotionModel) and not _lacking(other, recording)]
+        would_do = [other.name for other in others if any(name in recording for name in other.outputs)]
+        signal_names = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
         instead = (
             f" Or choose another model: the signals suffice for {' and '.join(would_do)} (‹model›)." if would_do else ""
         )
         raise BadInput(
-            f"{recording.name} lacks {target}, which {model.name} needs; it has {', '.join(recording.signals)}. "
-            f"Name the column of {target} in the column map (‹columns›).{instead}"
+            f"{recording.name} lacks {signal_names}, which {model.name} needs; it has {', '.join(recording.signals)}. "
+            f"Name the column of {signal_names} in the column map (‹columns›).{instead}"
         )
 
 
@@ -323,10 +323,10 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)
         for recording in recordings:
-            known = _wheelbase(recording)
-            if known is not None and not GIVEN_WHEELBASE[0] < known / wheelbase < GIVEN_WHEELBASE[1]:
+            seen = _wheelbase(recording)
+            if seen is not None and not GIVEN_WHEELBASE[0] < seen / wheelbase < GIVEN_WHEELBASE[1]:
                 result.append(
-                    f"According to {the_recordings([recording.name])}, the vehicle has a wheelbase of {known:.2g} m; "
+                    f"According to {the_recordings([recording.name])}, the vehicle has a wheelbase of {seen:.2g} m; "
                     f"the model has {wheelbase:.3g} m (l_f + l_r). Is it the wrong vehicle, or is a unit in the column "
                     "map wrong?"
                     f"{suggested}"
@@ -343,14 +343,14 @@ def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if not isinstance(model, MotionModel) or "force_per_unit" not in model or "m" not in model:
         return []
     stated = float(model["force_per_unit"].array)
-    target = {"drive_force": 1.0, "ax_cmd": float(model["m"].array)}
+    force_of = {"drive_force": 1.0, "ax_cmd": float(model["m"].array)}
     for recording in recordings:
         signal = next((item for item in model.aliases.get("drive", ()) if item in recording), "")
-        if signal in target and not 1 / FAR_OFF < stated / target[signal] < FAR_OFF:
+        if signal in force_of and not 1 / FAR_OFF < stated / force_of[signal] < FAR_OFF:
             unit = unit_of(signal)
             return [
-                f"{recording.name} holds {signal} in {unit}, one unit of which is about {target[signal]:.4g} N, but "
-                f"the model has force_per_unit = {stated:.4g} N: fix force_per_unit at {target[signal]:.4g}, or "
+                f"{recording.name} holds {signal} in {unit}, one unit of which is about {force_of[signal]:.4g} N, but "
+                f"the model has force_per_unit = {stated:.4g} N: fix force_per_unit at {force_of[signal]:.4g}, or "
                 "name another signal in the column map."
             ]
     return []

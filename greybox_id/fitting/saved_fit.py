@@ -81,8 +81,8 @@ def _sound(fit: Fit) -> Fit:
     if fit.covariance is not None:
         _of_covariance(fit.covariance)
     for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
-        known = {name: value for name, value in error.items() if name != "diverges"}  # "diverges" is no number
-        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], known, "metrics").keys():
+        numbers = {name: value for name, value in error.items() if name != "diverges"}  # "diverges" is no number
+        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], numbers, "metrics").keys():
             raise ValueError("its metrics are not complete")
         _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
     if not isinstance(fit.model, MemoryModel) and any(

@@ -70,19 +70,19 @@ def at_best_sizes(
 
 
 def error_of_sizes(
-    problem: MotionProblem, recordings: Sequence[Recording], x: Array, known: Uncertainty, say: Say = quiet
+    problem: MotionProblem, recordings: Sequence[Recording], x: Array, from_curvature: Uncertainty, say: Say = quiet
 ) -> Array:
     """(unknowns, unknowns) contribution of the sizes' many optima to the covariance, the other unknowns following.
 
     Parameters
     ----------
     x : (unknowns,) an optimum.
-    known : uncertainty from the curvature there.
+    from_curvature : uncertainty from the curvature there.
     """
     result = np.zeros((problem.layout.size, problem.layout.size))
     for name, place in rounding(problem).items():
         index = int(problem.parameters.index[0][place])
-        inflation, quantile = float(known.inflation[index]), float(known.quantile(CONFIDENCE)[index])
+        inflation, quantile = float(from_curvature.inflation[index]), float(from_curvature.quantile(CONFIDENCE)[index])
         unit = 0.5 * (max(1.0, inflation) if np.isfinite(inflation) else 1.0)
         possible = _Possible(problem, x, place, unit * RISE, say)
         ends = possible.ends(_largest(problem, recordings, name))

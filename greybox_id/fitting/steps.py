@@ -188,7 +188,7 @@ def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, A
             "Check the recording's units, or start from other values."
         )
     pairs = zip(problem.runs, problem.simulated(solution.x, solution.nodes), strict=True)
-    errors = np.concatenate([seen - run.measured[run.predicted] for run, seen in pairs])
+    errors = np.concatenate([simulated - run.measured[run.predicted] for run, simulated in pairs])
     return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x, problem
 
 

@@ -96,8 +96,8 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
     held_out = pieces[PIECES // 2 :: PIECES]
     sd = read_noise(model, [one for _, one in named], how)
     train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
-    moving = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
-    problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
+    model_freed = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
+    problem, outside = HybridProblem(model_freed, train, sd), WindowErrors(model, held_out, sd)
     return trained_best(
         model, how, say, clock, lambda seed, item: descent(problem, outside, model, seed, item, model.values),
         problem.errors, outside, lambda _: sd, (f"every fifth of {len(pieces)} pieces of {length} rows",),
@@ -225,13 +225,13 @@ def mirrored(model: HybridModel, one: Stretch) -> Stretch:
 
 def read_noise(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
     """Standard deviation of each output's readings: as stated, else estimated from them."""
-    found_noise = noise(stretchs)
+    sd = noise(stretchs)
     for k, name in enumerate(model.outputs):
         read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
         if name in how.noise:
-            found_noise[k] = how.noise[name]
+            sd[k] = how.noise[name]
         elif len(read):  # at least a thousandth of the spread, so that a noiseless signal does not outweigh all others
-            found_noise[k] = np.fmax(found_noise[k], 1e-3 * max(float(np.std(read)), 1e-12))
-    if not np.any(np.isfinite(found_noise)):
+            sd[k] = np.fmax(sd[k], 1e-3 * max(float(np.std(read)), 1e-12))
+    if not np.any(np.isfinite(sd)):
         raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
-    return found_noise
+    return sd

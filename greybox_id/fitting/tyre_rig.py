@@ -128,11 +128,11 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     data = {
         name: np.concatenate([item[name] for item, _ in parts]) for name in COLUMNS if all(name in p for p, _ in parts)
     }
-    known = np.all(np.isfinite([data[name] for name in NEEDED]), axis=0) & (
+    complete = np.all(np.isfinite([data[name] for name in NEEDED]), axis=0) & (
         np.abs(data["load"]) > 0.02 * np.nanmax(np.abs(data["load"]))
     )
-    upright = np.abs(data["camber"]) <= UPRIGHT if "camber" in data else np.ones(len(known), bool)
-    rows = known & upright
+    upright = np.abs(data["camber"]) <= UPRIGHT if "camber" in data else np.ones(len(complete), bool)
+    rows = complete & upright
     if np.count_nonzero(rows) < FEWEST:
         raise BadInput(
             f"{files[0]}: {np.count_nonzero(rows)} rows at zero camber have slip, load and force; {FEWEST} are needed."
@@ -147,7 +147,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     force = force * np.sign(np.polyfit(slip[near], force[near], 1)[0])  # positive for positive slip, whatever the axes
     nominal = float(f"{np.median(load):.3g}")
     x, sd = _fitted(slip, load, force, nominal)
-    left = force - _force(x, slip, load, nominal)
+    residuals = force - _force(x, slip, load, nominal)
     bands = tuple(_bands({name: values[rows] for name, values in data.items()}, x, slip, load, force, nominal))
     friction, stiffness = (
         float(np.std(factors, ddof=1)) if len(factors) > 1 else float("nan")
@@ -156,10 +156,10 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     return TyreFit(
         numbers={"FNOMIN": nominal, **dict(zip(FREE, x.tolist(), strict=True))},
         sd=dict(zip(FREE, sd.tolist(), strict=True)),
-        rmse=float(np.sqrt(np.mean(left**2))),
-        explained=float(1 - np.var(left) / np.var(force)),
+        rmse=float(np.sqrt(np.mean(residuals**2))),
+        explained=float(1 - np.var(residuals) / np.var(force)),
         rows=len(slip),
-        left_out=int(len(known) - len(slip)),
+        left_out=int(len(complete) - len(slip)),
         bands=bands,
         friction_spread=friction,
         stiffness_spread=stiffness,
@@ -172,16 +172,16 @@ def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
     """Columns of a file by quantity, in SI units (pressure in kPa, temperature in degC), and remarks."""
     result = contents(file, ColumnMap("none", Column("time", "time", "s", "s"), {}))
     group = result.groups[0]
-    words = {
+    cleaned_names = {
         name: re.sub(r"[\s_\-./]+", " ", re.sub(r"[\[(].*", "", name.removeprefix(group.prefix))).strip().lower()
         for name in group.names
     }
     chosen = {}
-    for what, (pattern, _) in COLUMNS.items():
-        name = next((name for name, word in words.items() if re.fullmatch(pattern, word)), None)
+    for quantity, (pattern, _) in COLUMNS.items():
+        name = next((name for name, word in cleaned_names.items() if re.fullmatch(pattern, word)), None)
         if name:
-            chosen[what] = name
-    lacking = [what for what in NEEDED if what not in chosen]
+            chosen[quantity] = name
+    lacking = [quantity for quantity in NEEDED if quantity not in chosen]
     if lacking:
         raise BadInput(
             f"{file}: no column name is a usual one for the {' or the '.join(lacking)} of a tyre rig (SA, FZ, FY); "
@@ -190,13 +190,13 @@ def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
         )
     table = group.load(list(chosen.values()))
     notes, data = list(result.notes), {}
-    for what, name in chosen.items():
+    for quantity, name in chosen.items():
         values = table.numbers(name)
-        unit = _stated(table, group.units, name) or _likely(what, values)
-        target = COLUMNS[what][1]
+        unit = _stated(table, group.units, name) or _likely(quantity, values)
+        target = COLUMNS[quantity][1]
         conversion = to_si(unit, None if target in DISPLAYED else target)
-        data[what] = DISPLAYED.get(target, np.asarray)(conversion.factor * values + conversion.offset)
-        notes.append(f"{what} from column {name} in {unit}.")
+        data[quantity] = DISPLAYED.get(target, np.asarray)(conversion.factor * values + conversion.offset)
+        notes.append(f"{quantity} from column {name} in {unit}.")
     return data, notes
 
 
@@ -254,10 +254,10 @@ def _fitted(slip: Array, load: Array, force: Array, nominal: float) -> tuple[Arr
             errors, start, bounds=(low, high), x_scale=scale, loss="soft_l1",
         )  # fmt: skip
         best = result if best is None or result.cost < best.cost else best
-    left = _force(best.x, slip, load, nominal) - force
-    together = correlation_time(left[:, None])  # a sweep's hysteresis outlasts its rows
+    residuals = _force(best.x, slip, load, nominal) - force
+    correlation_rows = correlation_time(residuals[:, None])  # a sweep's hysteresis outlasts its rows
     J = best.jac * noise
-    covariance = np.linalg.pinv(J.T @ J) * float(np.mean(left**2)) * together
+    covariance = np.linalg.pinv(J.T @ J) * float(np.mean(residuals**2)) * correlation_rows
     return np.asarray(best.x), np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 

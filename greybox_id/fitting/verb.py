@@ -105,19 +105,22 @@ def judgement(
     """
     recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
     both = {name: score_beside_hold(fit.model, recording) for name, recording in recordings.items()}
-    value = {name: scores for name, (scores, _) in both.items()}
+    scores_by_role = {name: scores for name, (scores, _) in both.items()}
     held = {name: beside for name, (_, beside) in both.items() if beside}
     unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
     before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
-    verdict, against = judged(fit, value, held=held, unfitted=before, findings=findings, data=data), list[Reason]()
+    verdict, against = (
+        judged(fit, scores_by_role, held=held, unfitted=before, findings=findings, data=data),
+        list[Reason](),
+    )
     if verdict.usability == USABLE:
         for name, recording in unseen.items():
             against += carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
     if verdict.usability != NOT_USABLE and TRAINED in recordings:
         against += refuted(fit.model, fit, recordings[TRAINED])
     if against:
-        verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
-    return Judgement(value, held, conditional(fit, verdict))
+        verdict = judged(fit, scores_by_role, held=held, unfitted=before, findings=findings, data=data, more=against)
+    return Judgement(scores_by_role, held, conditional(fit, verdict))
 
 
 __all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
@@ -196,14 +199,14 @@ def fit(
         result, task, held = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
         stated = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
-        noted: dict[str, Any] = {"sensors": stated} if stated else {}
-        noted |= {"stood": stood} if stood else {}
-        result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **noted})
-        whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
-        judged = judgement(result, whole, _findings(result, recordings, validate))
+        extra: dict[str, Any] = {"sensors": stated} if stated else {}
+        extra |= {"stood": stood} if stood else {}
+        result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **extra})
+        by_role = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
+        judged = judgement(result, by_role, _findings(result, recordings, validate))
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
-        requested = reason(result, held) if held else None
-        verdict = with_reason(with_reason(judged.verdict, requested), _without_last(result, task, judged.scores))
+        question = reason(result, held) if held else None
+        verdict = with_reason(with_reason(judged.verdict, question), _without_last(result, task, judged.scores))
         result = replace(result, metrics=metrics, verdict=conditional(result, verdict))
         seconds = calibrated_seconds(how.calibrate)
         return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
@@ -234,25 +237,25 @@ def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:
 
 def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
     """The fit with commands held or interpolated between rows, the likelier if no map says; and the comparison."""
-    held = weighed(fit, task.recordings, task.how)
-    if held is None:
+    holding = weighed(fit, task.recordings, task.how)
+    if holding is None:
         return fit, task, None
     step = min(recording.sample_time for recording in task.recordings)
-    if not held.stated and held.gain < 0:
+    if not holding.stated and holding.gain < 0:
         task.say(
             f"{fit.model.name}: the column map does not state hold, that is, whether commands are held or interpolated "
-            f"between rows; fitting again with commands {WORDS[other_than(held.taken)]}, to keep the fit with the "
+            f"between rows; fitting again with commands {WORDS[other_than(holding.taken)]}, to keep the fit with the "
             "higher likelihood"
         )
-        hold = other_than(held.taken)
+        hold = other_than(holding.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]
         validate = None if task.validate is None else with_hold(task.validate, hold)
         task = replace(task, recordings=recordings, validate=validate)
         first, nominal = fit, task.structures[0]
-        fit = estimated(nominal if held.values is None else nominal.with_values(held.values), task)
+        fit = estimated(nominal if holding.values is None else nominal.with_values(holding.values), task)
         fit = replace(fit, how={**fit.how, "unfitted": first.how.get("unfitted", {})})
-        held = weighed(fit, task.recordings, task.how) or held
-    return in_doubt(fit, held, step), task, held
+        holding = weighed(fit, task.recordings, task.how) or holding
+    return in_doubt(fit, holding, step), task, holding
 
 
 def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reason | None:
@@ -281,10 +284,10 @@ def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reas
 
 def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
     """The fit with scores on the validation recording after calibrating each run's delay."""
-    known = calibrated_timing(fit, validate, seconds)
-    value = as_dict({calibration_words(seconds): calibrated_errors(must_have_timing(fit.model), validate, known)})
-    metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **value}}
-    return replace(fit, metrics=metrics, how={**fit.how, "timing": {**fit.how["timing"], "validate": known.as_dict()}})
+    timing = calibrated_timing(fit, validate, seconds)
+    calibrated = as_dict({calibration_words(seconds): calibrated_errors(must_have_timing(fit.model), validate, timing)})
+    metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **calibrated}}
+    return replace(fit, metrics=metrics, how={**fit.how, "timing": {**fit.how["timing"], "validate": timing.as_dict()}})
 
 
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
