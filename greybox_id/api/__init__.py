@@ -1,7 +1,7 @@
-"""The top level: what `import greybox_id as gb` offers, on the floor below the command line.
+"""The Python interface: what `import greybox_id as gb` offers, and what the command line is built on.
 
-`verbs.py` takes what people have at hand (names, paths, one recording or several) and calls the verbs of the floors
-below. What these return knows only its own floor; here it becomes a result that also scores, simulates, plots and
-reports itself (`FitResult` is a `Fit`, `GapResult` a `Gap`, `TrackResult` a `Track`, `KnownVehicle` a `Vehicle`): the
-floors below import nothing from above, and take a result wherever they take the record it is.
+The functions here accept names, paths, one recording or several, and call the functions of the packages below. Results
+of those are wrapped in classes that can also score, simulate, plot and report (`FitResult` is a `Fit`, `GapResult` a
+`Gap`, `TrackResult` a `Track`, `KnownVehicle` a `Vehicle`): the packages below import nothing from here, and accept a
+result wherever they accept its base class.
 """

@@ -1,4 +1,4 @@
-"""A fit adapted to the first seconds of a car that may have changed."""
+"""Adaptation of a fit to the first seconds of a recording of a car that may have changed."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from .given import Columns
 
 
 class AdaptationResult(Adaptation):
-    """What `gb.adapt` found: the adapted fit, and how it does beside the fit as it was.
+    """Result of `gb.adapt`: the adapted fit, and its errors compared with the unchanged fit.
 
     Attributes
     ----------
-    fit : the model as chosen, as a fit.
-    chosen, zero_shot, adapted : how the choice, the fit as it was and the best other one do on the rest: `rest`, output
-        -> error, and `interval`, output -> where that error was expected from the new seconds alone.
-    choices : output -> what was chosen, in words.
-    moved : parameter -> how many of its entries moved beyond two of their standard deviations.
+    fit : the selected model, as a fit.
+    chosen, zero_shot, adapted : errors on the rest of the recording, of the selection, the unchanged fit and the best
+        other candidate: `rest`, output -> error, and `interval`, output -> interval expected from the adaptation data.
+    choices : output -> what was selected, in words.
+    moved : parameter -> number of its entries that moved by more than two of their standard deviations.
 
     Examples
     --------
@@ -49,15 +49,15 @@ class AdaptationResult(Adaptation):
 
     @classmethod
     def of(cls, adaptation: Adaptation) -> AdaptationResult:
-        """An adaptation with what it can do."""
+        """Wrap an adaptation."""
         return cls(**{field.name: getattr(adaptation, field.name) for field in fields(Adaptation)})
 
     def parts(self) -> Iterator[RenderableType]:
-        """What it says, part by part."""
+        """The text of the adaptation, part by part."""
         return parts(self)
 
     def summary(self) -> str:
-        """What `greybox adapt` prints."""
+        """The text that `greybox adapt` prints."""
         return as_text(self.parts())
 
     def __repr__(self) -> str:
@@ -78,34 +78,33 @@ def adapt(
 ) -> AdaptationResult:
     """Adapt a fit of a model with memory, or of equations of motion, to the first seconds of a new recording.
 
-    What moves, how far, and whether time is aligned is chosen by blocked cross-validation on those seconds alone; the
-    fit as it was is always a candidate. Where the fit's training data are at hand, they hold what the new seconds do
-    not show.
+    What moves, how far, and whether time is aligned is selected by blocked cross-validation on those seconds; the
+    unchanged fit is always a candidate. If the fit's training data are available, they constrain what the new seconds
+    do not determine.
 
     Parameters
     ----------
     fit : a fit, or its file.
     recording : of the car that may have changed.
-    seconds : of motion to adapt to; what follows is scored.
-    free : "auto", or what moves: "all", or names of parameters, several with commas; of a model with memory also "F"
-        (impulse responses), "few" (steering ratio and offset, motor gain), "paper", "physical". Of equations of motion
-        both words are the parameters that the fit estimated.
-    validation : what is scored in place of the rest.
-    calibrate : "timing" or "timing=8s": every run that is scored tells its delay in its first 5 s, or 8 s, of motion,
-        which are not scored.
-    columns : column map, where files are named.
-    progress : called with lines on what is being done.
+    seconds : duration of motion for the adaptation; the rest is scored.
+    free : "auto", or what may move: "all", or names of parameters, separated by commas; for models with memory also "F"
+        (impulse responses), "few" (steering ratio and offset, motor gain), "paper", "physical". For equations of
+        motion, "auto" and "all" are the parameters that the fit estimated.
+    validation : scored instead of the rest.
+    calibrate : "timing" or "timing=8s": the delay of each scored run is estimated from its first 5 s, or 8 s, of
+        motion, which are not scored.
+    columns : column map for files.
+    progress : called with lines of progress.
 
     Returns
     -------
     Adaptation
         The adapted `fit`; `chosen`, `zero_shot`, `adapted` with errors on the rest; `doubts`, sentences on why the
-        recordings are not to be trusted; `summary()`, `as_dict()`.
+        recordings may be unreliable; `summary()`, `as_dict()`.
 
     Raises
     ------
-    BadInput : the fit is of another kind, a recording lacks a signal or is shorter than that, a word stands for
-        nothing.
+    BadInput : if the fit is of another kind, a recording lacks a signal or is too short, or a word is unknown.
 
     Examples
     --------
@@ -131,7 +130,7 @@ def adapted(
     fit: Fit, new: Recording, seconds: float, free: str, validation: Recording | None, calibrate: Iterable[str],
     fit_file: Path | None = None, say: Say = quiet,
 ) -> AdaptationResult:  # fmt: skip
-    """A fit adapted, its training data read again where they still are."""
+    """Adapt a fit, with its training data if they are still available."""
     trained = training_data(fit, fit_file)
     result = adapt_fit(
         fit, new, seconds=seconds, free=free, validate=validation, calibrate=tuple(calibrate), trained=trained, say=say
@@ -140,7 +139,7 @@ def adapted(
 
 
 def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | None:
-    """The recordings that a fit was trained on; None where one of them is no longer what it was."""
+    """The training recordings of a fit; None if one of them is missing or has changed."""
     if isinstance(fit, FitResult) and fit.recordings:
         return [one for one, record in zip(fit.recordings, fit.data, strict=False) if record.role == "train"]
     file = fit_file or (fit.file if isinstance(fit, FitResult) else None)

@@ -1,4 +1,4 @@
-"""A diagnosis as a vehicle: its file then carries the effects that close the gap, and every command takes it."""
+"""A diagnosis as a vehicle, whose file includes the effects that close the gap, as input for all commands."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from ..models.registry import build
 from ..models.vehicle import ChosenModel, Vehicle
 
 CLOSED = ", gap closed"
-"""Behind the name of a vehicle."""
+"""Suffix of the vehicle's name."""
 BY, FITTED = "greybox gap", "greybox fit"
-"""Who says so: of what a diagnosis found, and of what a fit did."""
+"""Source of numbers from a diagnosis, and from a fit."""
 
 
 def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
-    """The vehicle whose model is the closed one: nominal model, applied effects, and what moved beside them.
+    """The vehicle of the closed model: nominal model, applied effects, and parameters that moved with them.
 
     Parameters
     ----------
-    vehicle : what was stated before the diagnosis.
+    vehicle : as stated before the diagnosis.
     gap : the diagnosis; without a closed model, magnitudes are those of its ranking.
 
     Returns
     -------
     Vehicle
-        `model_of` makes the closed model of it. An applied effect carries its magnitude, and the standard deviation
-        that its interval tells, which is its tolerance in a further diagnosis. Numbers that the closed model has
-        otherwise than stated are replaced, and keep what else was stated of them.
+        `model_of` builds the closed model from it. An applied effect has its magnitude, and the standard deviation of
+        its interval, which is its tolerance in a further diagnosis. Numbers that differ in the closed model are
+        replaced, but keep what else was stated for them.
 
     Raises
     ------
-    BadInput : the model holds a network's weights, which are no vehicle's.
+    BadInput : if the model contains a network, whose weights a vehicle file cannot contain.
     """
     if gap.closed is not None and gap.closed.learnt:
         raise BadInput(f"{gap.model} closed: {no_place(gap.model)}")
@@ -77,24 +77,24 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
 
 
 def no_place(model: str) -> str:
-    """Why there is no closed vehicle for a model that holds a network's weights, and what there is instead."""
+    """Why a model with a network has no closed vehicle, and what to use instead."""
     return f"a vehicle file has no place for the weights of {model}; use the closed model that gb.diagnose returns."
 
 
 def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
     """A fit as a vehicle: estimates with their standard deviations, and its effects as part of its model.
 
-    A standard deviation is that of the fit and how far the fit moved the number from its prior's mean: what bent a
-    number in place of a missing effect lets go of it beside that effect.
+    Each standard deviation combines that of the fit with the distance of the estimate from the prior's mean: a
+    parameter that compensated for a missing effect can then move back when that effect is added.
 
-    The residuals of a fit hold whatever its model lacks, so nothing is said of the sensors' noise. A map with memory is
-    what its training left it, a gap what exceeds that: its weights are held, and its free run's errors on the training
-    data count as noise.
+    Residuals of a fit include model error, so the sensors' noise is not set. For a model with memory, a gap is what
+    exceeds the error of its training: its weights are fixed, and its errors in free run on the training data count as
+    noise.
 
     Parameters
     ----------
     fit : of either kind of model.
-    name : for people.
+    name : of the vehicle.
     """
     model = fit.model
     about = f"Estimates of {model.name}, fitted to {', '.join(record.name for record in fit.data)}."
@@ -122,9 +122,9 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
 
 
 def with_sensors(fitted: Vehicle, stated: Vehicle) -> Vehicle:
-    """A fit as a vehicle, with what no fit tells: noise, steering range, model error and tolerances as stated.
+    """A vehicle from a fit, with noise, steering range, model error and tolerances of a stated one.
 
-    Its numbers and the effects of its model stay the fit's.
+    Its numbers and the effects of its model remain those of the fit.
     """
     effects = fitted.model.effects if fitted.model is not None else {}
     return replace(
@@ -137,7 +137,7 @@ def with_sensors(fitted: Vehicle, stated: Vehicle) -> Vehicle:
 
 
 def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
-    """Output -> root mean square of what the fit left of it on its training data, where it says so."""
+    """Output -> root mean square of the errors on the fit's training data, if known."""
     protocol = FREE_RUN
     if isinstance(model, MemoryModel):
         protocol = "honest" if model.feedback is None else "closed_loop"
@@ -147,14 +147,14 @@ def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
 
 
 def _numbers(model: Model) -> list[Parameter]:
-    """The model's parameters but its effects' magnitudes; their second parameters are numbers of the vehicle."""
+    """The model's parameters without magnitudes of effects; other parameters of effects are numbers of the vehicle."""
     return [
         parameter for parameter in model.parameters if parameter.shape == () and parameter.name not in model.effects
     ]
 
 
 def _moved(vehicle: Vehicle, closed: Model) -> dict[str, Stated]:
-    """Numbers that the closed model has otherwise than the vehicle states, or it takes for granted; no magnitudes."""
+    """Parameters of the closed model, without magnitudes, that differ from stated numbers or defaults."""
     nominal = build(closed.name, closed.settings, dict.fromkeys(closed.effects), vehicle)
     result = {}
     for parameter in _numbers(closed):
@@ -165,7 +165,7 @@ def _moved(vehicle: Vehicle, closed: Model) -> dict[str, Stated]:
 
 
 def _magnitude(ranked: Ranked) -> Stated:
-    """An effect's magnitude, with its standard deviation where its interval is finite."""
+    """Magnitude of an effect, with its standard deviation if its interval is finite."""
     low, high = ranked.interval
     sd = (high - low) / (2 * NORMAL)
     return Stated(ranked.magnitude, sd if isfinite(sd) and sd > 0 else None, source=BY)

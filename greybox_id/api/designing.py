@@ -1,4 +1,4 @@
-"""Designing the manoeuvre to be driven next: `gb.design`."""
+"""Design of the next manoeuvre: `gb.design`."""
 
 from __future__ import annotations
 
@@ -43,35 +43,35 @@ from .given import VehicleLike
 
 GOALS = ("precision", "discriminate", "detect")
 FILES = ("design.json", "plan.csv", "plan.svg")
-"""Names of the files in the folder of a design; the one that describes the others first."""
+"""Names of the files in a design's folder; the first describes the others."""
 KINDS = ("a design", "a table of a manoeuvre", "a figure")
-"""What the guard calls them."""
+"""Kinds of these files, as named by the guard."""
 
 
 @dataclass(frozen=True, repr=False)
 class DesignResult(Design):
-    """The manoeuvre to be driven next: `gb.design` returns it.
+    """Result of `gb.design`: the manoeuvre to drive next.
 
     Attributes
     ----------
-    plan, phases, table() : what is driven: commands row by row, what it leads to and the 95 % corridor.
-    sentence : what a driver is told.
+    plan, phases, table() : the manoeuvre: commands per row, the predicted motion and its 95 % corridor.
+    sentence : instructions for a driver.
     predicted_sd : name -> standard deviation before and after, in the parameter's unit.
-    separation : pairs of explanations and the log-likelihood that tells them apart, in nats.
-    active_limits, impossible : limits it uses up; sentences on what no manoeuvre tells.
+    separation : pairs of explanations, and the log-likelihood that distinguishes them, in nats.
+    active_limits, impossible : limits that are reached; sentences on what no manoeuvre can determine.
     """
 
     @classmethod
     def of(cls, design: Design) -> DesignResult:
-        """A design with what can be done with it."""
+        """Wrap a design."""
         return cls(**{one.name: getattr(design, one.name) for one in fields(Design)})
 
     def save(self, folder: str | Path) -> list[Path]:
-        """Write design.json and, where there is something to drive, plan.csv and plan.svg: all or none of them.
+        """Write design.json and, if there is a manoeuvre, plan.csv and plan.svg: all or none of them.
 
         Raises
         ------
-        BadInput : the folder cannot be written.
+        BadInput : if the folder cannot be written.
         """
         place, written = Path(folder), list[Path]()
         with at_once():
@@ -81,14 +81,14 @@ class DesignResult(Design):
                     self.table().to_csv(beside, index=False)
                 written.append(place / FILES[1])
                 written.append(write_atomically(place / FILES[2], manoeuvre(self).svg(self.sentence)))
-        if self.plan is None:  # a plan of an earlier design beside a file that says there is none would be driven
+        if self.plan is None:  # otherwise the plan of an earlier design could be driven by mistake
             for name, kind in zip(FILES[1:], KINDS[1:], strict=True):
                 if (place / name).is_file() and content_of(place / name) == FileContent(kind, derived=True):
                     (place / name).unlink()
         return written
 
     def parts(self) -> Iterator[RenderableType]:
-        """What it says, part by part."""
+        """The text of the design, part by part."""
         for line in self.said:
             yield line
         if self.plan is not None:
@@ -109,7 +109,7 @@ class DesignResult(Design):
             yield f"\nimpossible  {line}"
 
     def summary(self) -> str:
-        """What `greybox design` prints."""
+        """The text that `greybox design` prints."""
         return as_text(self.parts())
 
     def __repr__(self) -> str:
@@ -136,27 +136,28 @@ def design(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> DesignResult:
-    """Design the most informative manoeuvre: for a fit's parameters, or to separate the explanations of a gap.
+    """Design the most informative manoeuvre: for the parameters of a fit, or to separate the explanations of a gap.
 
     Parameters
     ----------
     of : a fit, or the diagnosis of a gap; or the file of either.
-    goal : "precision" of a fit's parameters; "discriminate", of a gap's explanations that its recordings cannot tell
-        apart; "detect", effects that its recordings could not show. Usual: "precision" of a fit, "discriminate" of a
-        gap.
+    goal : "precision" of a fit's parameters; "discriminate" between a gap's explanations that its recordings cannot
+        distinguish; "detect" effects below the detection limit of its recordings. The default is "precision" for a fit,
+        "discriminate" for a gap.
     arena : "straight:120x8", "disc:30" [m], or a .csv file with columns x, y: the outline of a free area.
-    parameters : whose precision counts; all free ones unless any is named. With "detect": effects.
+    parameters : whose precision counts; all free ones by default. With "detect": effects.
     criterion : "d", "a", "e" or "c", see `docs/design.md`.
-    duration, rate : s at most, rows of the plan a second.
-    limits : limit -> number in SI units, or a TOML file of such lines; others follow from the vehicle's size.
-    vehicle : whose file states where the steering stops (`steer_max`), unless `limits` do.
+    duration, rate : longest duration, s, and rows of the plan per second.
+    limits : limit -> number in SI units, or a TOML file of such entries; the others are derived from the vehicle's
+        size.
+    vehicle : its file states the steering range (`steer_max`), unless `limits` do.
     speed_max, grip : m/s; largest share of an axle's friction that is used.
-    repeat : how often it is going to be driven.
-    driver : whether speed and path are kept by a driver (`greybox_id.gap.design.driver`), or commands given as they
-        stand.
-    effort : of the search, over what is usual: 0.2 is quick, 3 leaves little to be found.
-    seed : of everything random.
-    progress : called with one line at a time.
+    repeat : how often the manoeuvre is going to be driven.
+    driver : whether a driver controls speed and path (`greybox_id.gap.design.driver`), or commands are applied open
+        loop.
+    effort : of the search, relative to the usual one: 0.2 is quick, 3 is almost exhaustive.
+    seed : of random numbers.
+    progress : called with each line of progress.
 
     Returns
     -------
@@ -165,8 +166,8 @@ def design(
 
     Raises
     ------
-    BadInput : the model cannot say what a manoeuvre leads to, the arena is too small or the limits contradict each
-        other, or a name stands for nothing.
+    BadInput : if the model cannot predict a manoeuvre, the arena is too small, the limits contradict each other, or a
+        name is unknown.
 
     Examples
     --------
@@ -202,7 +203,7 @@ def design(
         ("speed_max›", {} if speed_max is None else {"speed_max": speed_max}),
         ("grip›", {} if grip is None else {"grip": grip}),
     ):
-        stated(entry, part, f"‹{name}")  # says which of them is at fault
+        stated(entry, part, f"‹{name}")  # the message names the source of the error
         more |= part
     entry = must_agree(stated(entry, more, "‹limits›"))
     design_task = DesignTask(where, entry, float(duration), float(rate), int(repeat), int(seed), driver, float(effort))
@@ -216,7 +217,7 @@ def design(
 
 
 def _goal(source: Fit | Gap, goal: str | None) -> str:
-    """What is designed for. Raises `BadInput` where a fit or a gap does not go with it."""
+    """The goal of the design. Raises `BadInput` if it does not suit a fit or a gap."""
     chosen = goal or ("precision" if isinstance(source, Fit) else "discriminate")
     if chosen not in GOALS:
         raise BadInput(f"‹goal›: there is no {chosen!r:.40}; choose one of {', '.join(GOALS)}.")
@@ -241,14 +242,14 @@ def _must_be_possible(duration: float, rate: float, repeat: int, effort: float) 
 
 
 def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = None) -> GapResult:
-    """A diagnosis whose advice is the manoeuvre that is computed for an arena, where explanations are open."""
+    """A diagnosis that advises the manoeuvre designed for an arena, if explanations cannot be distinguished."""
     names = ambiguous(gap)
     if not names:
         return gap
     lead = to_distinguish(names)
     try:
         design_result = design(gap, "discriminate", arena=arena, progress=progress)
-    except BadInput as error:  # the diagnosis is worth having all the same
+    except BadInput as error:  # keep the diagnosis anyway
         known: tuple[str, ...] = (f"{lead}: {error}",)
     else:
         expected = "; ".join(f"{' or '.join(item.pair)} by {item.nats:.0f} nats" for item in design_result.separation)
@@ -262,7 +263,7 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
 
 
 def targets(folder: str | Path) -> Path:
-    """The folder of a design, its files claimed before long work."""
+    """The folder of a design; its files are claimed before the computation."""
     place = Path(folder)
     for name, kind in zip(FILES, KINDS, strict=True):
         claim(place / name, "‹out›", kind)
@@ -270,7 +271,7 @@ def targets(folder: str | Path) -> Path:
 
 
 def nominal_of(gap: Gap, made: Made) -> MotionModel:
-    """The model that was diagnosed, with what was stated of its vehicle, as the file of the diagnosis has it."""
+    """The diagnosed model with the stated numbers of its vehicle, as saved with the diagnosis."""
     values = {n.name: Stated(n.value, n.sd, source=n.source) for n in made.stated if n.value is not None}
     tolerances = {
         n.name: Stated(n.value, n.sd, source=n.source) for n in made.stated if n.name in EFFECTS and n.sd is not None
@@ -281,7 +282,7 @@ def nominal_of(gap: Gap, made: Made) -> MotionModel:
 
 
 def _source(of: Fit | Gap | str | Path) -> tuple[Fit | Gap, Made | None]:
-    """What a manoeuvre is designed for: a fit or a gap, read where a file is named."""
+    """The fit or gap to design for, read from its file if necessary."""
     if isinstance(of, GapResult):
         return of, of.made
     if isinstance(of, Fit):
@@ -315,7 +316,7 @@ def _separation_table(design: Design) -> Table:
 
 
 def as_dict(design: Design, written: Sequence[Path] = ()) -> dict[str, Any]:
-    """What `greybox design --json` prints."""
+    """The object that `greybox design --json` prints."""
     return design.as_dict() | {"written": [str(path) for path in written]}
 
 

@@ -1,4 +1,4 @@
-"""Diagnosing the gap between a simulation and the vehicle."""
+"""Diagnosis of the gap between a simulation and the vehicle."""
 
 from __future__ import annotations
 
@@ -52,24 +52,24 @@ def diagnose(
     progress: Progress | None = None,
     **more: Any,
 ) -> GapResult:
-    """Say where a simulation deviates from the vehicle, which effects cause it, and how far the gap closes with them.
+    """Diagnose where a simulation deviates from the vehicle, by which effects, and how far these close the gap.
 
     Parameters
     ----------
     model : the simulation: a fit (its estimates with their standard errors), a model, a model's name, or a vehicle,
-        whose model is taken.
-    after : recordings of the vehicle: one or a list, read or named by files.
-    since : recordings of before something may have changed; asked then is what changed since.
-    held_out : recordings that choose nothing, on which the closure is verified.
-    vehicle : what is stated: tolerances, which are refitted and charged for, and sensor noise. For a model that is
-        named, also the numbers it starts from; a fit has its own, and takes noise, model error and tolerated effects.
-    effects : what the model may lack; all that are known unless given, shipped ones and those of installed packages.
-        Effects of one's own are handed over as a list of `Effect`, to be tried beside the names in it; or all by name,
-        as a mapping.
-    columns : column map, where files are named.
-    seed : of everything random.
-    horizons : whether errors over fixed horizons are wanted on the diagnosed recordings too.
-    progress : called with one line at a time.
+        whose model is used.
+    after : recordings of the vehicle: one or a list, as recordings or files.
+    since : recordings from before a possible change; the diagnosis is then of what changed since.
+    held_out : recordings with no influence on the choice of effects, on which the closure is verified.
+    vehicle : stated numbers: tolerances, within which parameters are refitted at a cost, and sensor noise. For a model
+        given by name, also its initial values; a fit has its own, and uses only noise, model error and effects with
+        tolerances.
+    effects : what the model may lack; by default all known effects, shipped and from installed packages. Your own
+        effects can be given in a list of `Effect` and names, or all effects by name, as a mapping.
+    columns : column map for files.
+    seed : of random numbers.
+    horizons : whether to compute errors over fixed horizons on the diagnosed recordings, too.
+    progress : called with each line of progress.
     more : further options of `greybox_id.gap.diagnosis.diagnose`.
 
     Returns
@@ -80,8 +80,8 @@ def diagnose(
 
     Raises
     ------
-    BadInput : a recording lacks what the model reads, is both diagnosed and held out, or no effect acts on the model;
-        with `since`, the model is none of motion, or nothing is stated of the vehicle.
+    BadInput : if a recording lacks an input of the model, is both diagnosed and held out, or no effect acts on the
+        model; with `since`, if the model is not one of motion, or no vehicle is stated.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def visible(
     columns: Columns = "canonical",
     progress: Progress | None = None,
 ) -> tuple[Visible, ...]:
-    """From which size on changes would show on one more recording like those from before.
+    """Smallest changes that would be detected on one more recording like those from before.
 
     Parameters and errors are those of `diagnose`.
     """
@@ -154,7 +154,7 @@ def visible(
 
 
 def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:
-    """Raise `BadInput` where a recording lacks what the model reads, or everything that it predicts."""
+    """Raise `BadInput` if a recording lacks an input of the model, or all of its outputs."""
     must_be_recorded(nominal, recordings)
     if isinstance(nominal, MemoryModel):
         must_suit(nominal, recordings)
@@ -167,7 +167,7 @@ def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> 
 
 
 def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Sequence[Recording]) -> Gap:
-    """The diagnosis, with doubts on whether the vehicle is the recorded one, and what tells more than a fit does."""
+    """The diagnosis, with doubts whether the vehicle is the recorded one, and advice on effects that a fit absorbs."""
     more = doubts(nominal, stated, recordings) if stated is not None else []
     gap = replace(gap, doubts=(*gap.doubts, *(doubt for doubt in more if doubt not in gap.doubts)))
     of_a_fit = stated is not None and any(number.source == FITTED for number in stated.values.values())
@@ -189,7 +189,7 @@ def made_with(
     others: Sequence[Recording],
     seed: int,
 ) -> Made:
-    """What a diagnosis is made with, for its report."""
+    """Provenance of a diagnosis, for its report."""
     return Made(
         vehicle=stated.name if stated is not None else nominal.name,
         command="",
@@ -203,9 +203,9 @@ def made_with(
 
 
 def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnosed, Vehicle]:
-    """The model of a fit, and what it states of its vehicle, under a name, with the sensors of a stated vehicle.
+    """The model of a fit, and the vehicle from its estimates under a name, with the sensors of a stated vehicle.
 
-    Raises as `must_have_gaps`, and `BadInput` for a vehicle beside a model that holds a network's weights.
+    Raises as `must_have_gaps`, and `BadInput` if a vehicle is given for a model that contains a network.
     """
     model = must_have_gaps(fit.model)
     if stated is not None and model.learnt:
@@ -219,11 +219,11 @@ def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnose
 
 
 def must_have_gaps(model: Model) -> Diagnosed:
-    """The model as it is diagnosed: a hybrid as the equations of motion that it amounts to, its weights constants.
+    """The model that is diagnosed: a hybrid becomes equations of motion with constant weights.
 
     Raises
     ------
-    BadInput : it amounts to none, for its network has a memory or was trained by steps that are no derivative's.
+    BadInput : if that is not possible, since its network has a memory or predicts steps instead of derivatives.
     """
     if isinstance(model, MemoryModel):
         return model
@@ -231,7 +231,7 @@ def must_have_gaps(model: Model) -> Diagnosed:
 
 
 def must_be_stated(model: Model) -> Model:
-    """The model, where a vehicle can state its numbers. Raises `BadInput` for models with memory and hybrids."""
+    """The model, if a vehicle can state its parameters. Raises `BadInput` for models with memory and hybrids."""
     if not isinstance(model, MotionModel):
         raise BadInput(
             f"{model.name} is {model.called}, and no vehicle file holds its weights. Fit it and name the fit "
@@ -241,7 +241,7 @@ def must_be_stated(model: Model) -> Model:
 
 
 def nominal_model(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None) -> tuple[Diagnosed, Vehicle | None]:
-    """The model that is diagnosed, and what is stated of its vehicle. Arguments and errors are those of `diagnose`."""
+    """The model to diagnose and its stated vehicle. Parameters and errors are those of `diagnose`."""
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     if isinstance(model, Fit):
         file = getattr(model, "file", None)
@@ -251,7 +251,7 @@ def nominal_model(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None)
 
 
 def _candidates(effects: Mapping[str, Effect] | Iterable[Effect | str] | None) -> dict[str, Effect]:
-    """What the model may lack, by name."""
+    """Effects that the model may lack, by name."""
     if effects is None:
         return vocabulary()
     if isinstance(effects, Mapping):

@@ -1,4 +1,4 @@
-"""Effects by name: `model + gb.effects.steering_delay.free(start=0.03)`; those of installed packages among them.
+"""Effects by name, including those of installed packages: `model + gb.effects.steering_delay.free(start=0.03)`.
 
 Examples
 --------
@@ -21,27 +21,27 @@ __all__ = ["Effect", "alteration", "names", "own"]
 
 
 def names() -> tuple[str, ...]:
-    """Names of all effects: those shipped, and those of installed packages."""
+    """Names of all effects, shipped and from installed packages."""
     install()
     return tuple(EFFECTS)
 
 
 def own(place: str) -> Effect:
-    """An effect of one's own from a file, which is run.
+    """Your own effect, from a Python file that is executed.
 
     Parameters
     ----------
-    place : FILE.py:NAME, as in "my_effects.py:soft_steering".
+    place : FILE.py:NAME, such as "my_effects.py:soft_steering".
 
     Raises
     ------
-    BadInput : the file does not run, has no such name, or names itself like a shipped effect.
+    BadInput : if the file fails, lacks the name, or has the name of a shipped effect.
     """
     return own_effect(place)
 
 
 def __getattr__(name: str) -> Effect:
-    """An effect by its name."""
+    """An effect by name."""
     if name.startswith("_"):
         raise AttributeError(name)
     if name not in EFFECTS:

@@ -1,4 +1,4 @@
-"""Estimates of a fit by name as pandas, and the recordings that it was made from."""
+"""Estimates of a fit by name as pandas objects, and the recordings that it was made from."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .given import Columns
 
 @dataclass(frozen=True, repr=False)
 class NamedEstimates(Fit):
-    """What a fit estimated, by name.
+    """A fit with its estimates by name.
 
     Attributes
     ----------
-    recordings : those that it was fitted to and validated on, in the order of `data`, where they are at hand.
-    file : where it was loaded from; None where it was not.
+    recordings : training and validation recordings, in the order of `data`, if available.
+    file : from which it was loaded; None if it was not.
     """
 
     recordings: tuple[Recording, ...] = field(default=(), compare=False)
@@ -41,22 +41,22 @@ class NamedEstimates(Fit):
 
     @property
     def params(self) -> pd.Series[float]:
-        """Estimates by name in SI units, entries of arrays as F[0,1]; fixed parameters at their value."""
+        """Estimates by name in SI units, entries of arrays as F[0,1]; fixed parameters with their value."""
         return self._by_name({p.name: p.array for p in self.model.parameters}, "estimate")
 
     @property
     def stderr(self) -> pd.Series[float]:
-        """Standard errors by name, corrected for correlated residuals; NaN where a parameter was fixed or has none."""
+        """Standard errors by name, corrected for correlated residuals; NaN if a parameter was fixed or has none."""
         sd = {p.name: np.nan if p.fixed else self.sd.get(p.name, np.nan) for p in self.model.parameters}
         return self._by_name(sd, "stderr")
 
     @property
     def cov(self) -> pd.DataFrame:
-        """Covariance of the estimated single numbers, by name on both axes, in products of their SI units.
+        """Covariance of the estimated scalar parameters, by name on both axes, in products of their SI units.
 
         Raises
         ------
-        BadInput : it was not kept, as for the weights of networks.
+        BadInput : if it was not kept, as for the weights of networks.
         """
         if self.covariance is None:
             raise BadInput(f"The fit of {self.model.name} keeps no covariance, only standard errors of its weights.")
@@ -66,29 +66,29 @@ class NamedEstimates(Fit):
 
     @property
     def corr(self) -> pd.DataFrame:
-        """Correlations of the estimates, by name on both axes. Raises `BadInput` as `cov` does."""
+        """Correlations of the estimates, by name on both axes. Raises `BadInput` as `cov`."""
         cov = self.cov
         sd = np.sqrt(np.diag(cov))
         with np.errstate(divide="ignore", invalid="ignore"):
             return pd.DataFrame(cov.to_numpy() / np.outer(sd, sd), cov.index, cov.columns)
 
     def conf_int(self, level: float = 0.95) -> pd.DataFrame:
-        """Confidence intervals by name, columns `lower` and `upper`, in SI units, cut at the parameters' bounds.
+        """Confidence intervals by name, columns `lower` and `upper`, in SI units, limited to the parameters' bounds.
 
         Parameters
         ----------
-        level : between 0 and 1. Intervals are Student's t with the standard errors' own degrees of freedom.
+        level : between 0 and 1. Intervals use Student's t with the degrees of freedom of the standard errors.
 
         Raises
         ------
-        BadInput : `level` is no probability.
+        BadInput : if `level` is not a probability.
         """
         given.must_be_share(level, "level")
         lower, upper = {}, {}
         for p in self.model.parameters:
             sd = np.full(p.shape, np.nan) if p.fixed else np.asarray(self.sd.get(p.name, np.full(p.shape, np.nan)))
             half = reach(self.dof.get(p.name, np.inf), 0.5 + level / 2) * sd
-            with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
+            with np.errstate(invalid="ignore"):  # an absent effect with an infinite null has no interval
                 lower[p.name] = np.maximum(p.array - half, p.bounds[0])
                 upper[p.name] = np.minimum(p.array + half, p.bounds[1])
         return pd.DataFrame({"lower": self._by_name(lower, "lower"), "upper": self._by_name(upper, "upper")})
@@ -101,18 +101,18 @@ class NamedEstimates(Fit):
         columns: Columns | None = None,
         otherwise: str = "Hand it over.",
     ) -> tuple[Recording, ...]:
-        """The recordings that it was fitted to ("train") and validated on ("validate"), read again where need be.
+        """Recordings that it was fitted to ("train") and validated on ("validate"), read again if necessary.
 
         Parameters
         ----------
-        role : of those that are meant; all unless given.
-        moved : role -> where its files lie now, in their order; where the fit found them unless given.
-        columns : column map; the one that the fit names unless given.
-        otherwise : what the sentence tells to do where a recording is not found; ``{role}`` is what it was for.
+        role : of the recordings; all by default.
+        moved : role -> new paths of its files, in their order; by default those of the fit.
+        columns : column map; by default that of the fit.
+        otherwise : what the error message advises if a recording is not found; ``{role}`` is replaced by its role.
 
         Raises
         ------
-        BadInput : a file is no longer there or has changed, or a recording was made in memory.
+        BadInput : if a file is missing or has changed, or a recording was made in memory.
         """
         records = [item for item in self.data if role in ("", item.role)]
         new = {name: list(files) for name, files in (moved or {}).items() if files}
@@ -140,17 +140,17 @@ class NamedEstimates(Fit):
 
 
 FOLDERS_ABOVE = 3
-"""Folders from the fit's own upwards from which its command may have named its files: outputs lie in one below."""
+"""Number of folders, from the fit's own upwards, from which paths of its command may be relative."""
 
 
 def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Hand it over.") -> Path:
-    """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder.
+    """Path of a recording: as named by the fit's command, or relative to the fit's folder or a folder above.
 
     Parameters
     ----------
-    record : what the fit knows of it.
-    fit_file : the fit's own file.
-    otherwise : what to do where it is not found.
+    record : of the recording in the fit.
+    fit_file : the file of the fit.
+    otherwise : what the error message advises if it is not found.
     """
     if not record.path:
         raise BadInput(f"The recording {record.name} was made in memory and is in no file. {otherwise}")
@@ -163,6 +163,6 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
 
 
 def _as_taken(recording: Recording, record: DataRecord) -> Recording:
-    """The rows of a file that a fit took."""
+    """The rows of a file that a fit used."""
     recording = recording.between(*span(record.between)) if record.between else recording
     return recording.where(record.where) if record.where else recording

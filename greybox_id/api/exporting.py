@@ -1,4 +1,4 @@
-"""Code for a controller or a simulator."""
+"""Export of models as code or files for controllers and simulators."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Exported(list[Path]):
 
     Attributes
     ----------
-    target, name : what they are for, and what functions in them are called after.
-    model : name of the model, or what the result is called.
-    cautions : sentences on what the files do not hold, or take for granted.
-    keys : for files of parameters, what is behind each key.
+    target, name : their purpose, and name used for functions.
+    model : name of the model or kind of result.
+    cautions : sentences on what the files do not include or assume.
+    keys : for files of parameters, the origin of each key.
     """
 
     target: str
@@ -49,7 +49,7 @@ class Exported(list[Path]):
         self.cautions, self.keys = tuple(cautions), tuple(keys)
 
     def to_json(self) -> dict[str, Any]:
-        """What `greybox export --json` prints."""
+        """The object that `greybox export --json` prints."""
         keys, written = [key.plain() for key in self.keys], [str(file) for file in self]
         return {"target": self.target, "name": self.name, "model": self.model, "written": written, "keys": keys}
 
@@ -68,29 +68,29 @@ def export(
     source: str = "",
     command: str = "",
 ) -> Exported:
-    """Write a model for a controller or a simulator elsewhere.
+    """Export a model for a controller or a simulator.
 
     Parameters
     ----------
-    model : a fit, a model such as `gap.closed_model`, a model's name, or a policy or its file, which "c" and
-        "onnx" take.
-    to : folder, which appears whole or not at all; an earlier export there is replaced, other files are not. A
-        functional mock-up unit may be named by itself, "car.fmu".
+    model : a fit, a model such as `gap.closed_model`, a model's name, or a policy or its file, for which the targets
+        are "c" and "onnx".
+    to : folder, which is written completely or not at all; an earlier export is replaced, other files are not. A
+        functional mock-up unit may be named itself, such as "car.fmu".
     target : "c", "casadi", "acados", "onnx", "f1tenth", "fmu", "simulink", "autoware", "ros2", "opendbc" or "tir".
-    name : what functions are called after; by default the folder's name.
+    name : used for functions; by default the folder's name.
     parameters : which can be changed afterwards, others become constants: "free", "all", or a list of names.
-    vehicle : whose numbers a model that is named has.
-    effects, fix : effects that are added to it, and parameters that are held, at numbers of one's own.
-    source, command : of the manifest: where the numbers are from, and what reproduces the export.
+    vehicle : with the numbers of a model given by name.
+    effects, fix : effects that are added, and parameters that are fixed, at your own values.
+    source, command : for the manifest: origin of the numbers, and command that reproduces the export.
 
     Returns
     -------
     Exported
-        A list of the files written, a manifest among them, with `cautions` and `keys`.
+        A list of the written files, including a manifest, with `cautions` and `keys`.
 
     Raises
     ------
-    BadInput : there is no such target, the model cannot be written for it, or the folder holds other files.
+    BadInput : if the target is unknown, the model is not suited to it, or the folder contains other files.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def export(
 
 
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:
-    """Sentences on effects that stand at a magnitude nobody stated."""
+    """Sentences on effects whose magnitude was not stated."""
     return [
         f"The exported code has {name} = {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, the "
         f"typical size of the effect, since no size was stated. State one as {name}=VALUE."
@@ -136,7 +136,7 @@ def _assumed(model: Model, stated: Magnitudes) -> list[str]:
 
 
 def identifier(folder: str | Path) -> str:
-    """A folder's name as far as it can name functions of C; of a file that is written alone, without its ending."""
+    """A folder's name, converted to an identifier of C; for a single file, its name without suffix."""
     value = Path(folder).resolve()
     name = value.stem if value.suffix in ALONE.values() else value.name
     result = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")

@@ -1,4 +1,4 @@
-"""A fit as `gb.fit` and `gb.load` return it: numbers by name as pandas, scores, simulations, profiles, figures."""
+"""Result of `gb.fit` and `gb.load`: estimates as pandas objects, scores, simulations, profiles, figures."""
 
 from __future__ import annotations
 
@@ -32,22 +32,22 @@ if TYPE_CHECKING:
     from .plots import FitPlots
 
 MOST_SHOWN = 6
-"""Parameters that a fit's `repr` shows."""
+"""Most parameters that a fit's `repr` shows."""
 
 
 @dataclass(frozen=True, repr=False)
 class FitResult(NamedEstimates):
-    """A fit: the model at its estimates, how well each is known, and what the model makes of recordings.
+    """A fit: the model at its estimates, their uncertainty, and predictions of recordings.
 
-    `gb.fit` and `gb.load` return it. What it is as a record (`model`, `sd`, `stages`, `metrics`, `data` ...) is
+    `gb.fit` and `gb.load` return it. Attributes of the base class (`model`, `sd`, `stages`, `metrics`, `data` ...) are
     documented at `greybox_id.fitting.fit.Fit`.
 
     Attributes
     ----------
-    recordings : those that it was fitted to and validated on, in the order of `data`, where they are at hand.
-    file : where it was loaded from; None where it was not.
-    vehicle : name of the vehicle whose numbers it started from, where it was fitted just now; "" where there is none.
-    warnings : sentences on what may not be meant, where it was fitted just now.
+    recordings : training and validation recordings, in the order of `data`, if available.
+    file : from which it was loaded; None if it was not.
+    vehicle : name of the vehicle with the initial values, if it was not loaded; "" if there is none.
+    warnings : sentences on possible mistakes in the input, if it was not loaded.
 
     Examples
     --------
@@ -75,26 +75,27 @@ class FitResult(NamedEstimates):
         vehicle: str = "",
         warnings: tuple[str, ...] = (),
     ) -> FitResult:
-        """A fit with what it can do."""
+        """Wrap a fit."""
         value = {one.name: getattr(fit, one.name) for one in fields(Fit)}
         return cls(**value, recordings=recordings, file=file, vehicle=vehicle, warnings=warnings)
 
     @property
     def nobs(self) -> int:
-        """Readings of all outputs that the training residuals are of."""
+        """Number of readings of all outputs in the training residuals."""
         return sum(int(error["samples"]) for error in self._trained.values())
 
     @property
     def df_model(self) -> int:
-        """Single numbers that were estimated, a standard deviation of the readings of each output among them."""
+        """Number of estimated scalars, including a standard deviation of the readings per output."""
         return sum(p.size for p in self.model.parameters if not p.fixed) + len(self._trained)
 
     @property
     def llf(self) -> float:
-        """Log-likelihood of the training residuals (free run; maps with memory one sample ahead), normal and white.
+        """Log-likelihood of the training residuals (free run; models with memory one sample ahead), if normal and
+        white.
 
-        Residuals of a free run are correlated: between models, `llf`, `aic` and `bic` differ by more than they should.
-        What decides is the error on recordings that were held out (`compare`, `validate`).
+        Residuals of a free run are correlated, so differences of `llf`, `aic` and `bic` between models are too large.
+        Errors on held-out recordings decide between models (`compare`, `validate`).
         """
         errors = self._trained.values()
         return -0.5 * float(sum(each["samples"] * (np.log(2.0 * np.pi * each["rmse"] ** 2) + 1.0) for each in errors))
@@ -111,32 +112,32 @@ class FitResult(NamedEstimates):
 
     @property
     def resid(self) -> pd.DataFrame:
-        """Residuals of the free run on the training data, a column an output [SI], by recording and time [s].
+        """Residuals of the free run on the training data, a column per output [SI], by recording and time [s].
 
         Raises
         ------
-        BadInput : a recording is no longer there or has changed, or was made in memory and is not at hand.
+        BadInput : if a recording is missing or has changed, or was made in memory and is not available.
         """
         left = [predictions.residuals(self, recording) for recording in self.seen("train")]
         tables = [pd.DataFrame(dict(item.signals), index=pd.Index(item.time, name="time")) for item in left]
         return pd.concat(tables, keys=[item.name for item in self.data if item.role == "train"], names=["recording"])
 
     def compare(self, *others: Fit) -> pd.DataFrame:
-        """This fit beside others of the same training data.
+        """Compare this fit with others of the same training data.
 
         Parameters
         ----------
-        others : fits, as `gb.fit` and `gb.load` return them.
+        others : fits, as returned by `gb.fit` and `gb.load`.
 
         Returns
         -------
         pandas.DataFrame
             A row per fit, this one first: `model` with its effects, `df_model`, `aic`, `bic`, and per output the RMSE
-            [SI] of the free run on the training data (`train yaw_rate`) and on what was held out (`validate yaw_rate`).
+            [SI] of the free run on the training data (`train yaw_rate`) and held-out data (`validate yaw_rate`).
 
         Raises
         ------
-        BadInput : a fit was made with other training data, of which no criterion compares models.
+        BadInput : if a fit has other training data, for which criteria cannot be compared.
         """
         fits = [self, *(one if isinstance(one, FitResult) else FitResult.of(one) for one in others)]
         data = [
@@ -164,34 +165,34 @@ class FitResult(NamedEstimates):
         return self._free_run("train")
 
     def _free_run(self, role: str) -> Mapping[str, Any]:
-        """Output -> errors of the free run on the data of a role; of maps with memory, one sample ahead."""
+        """Output -> errors of the free run on data of a role; for models with memory without it, one sample ahead."""
         protocols = self.metrics.get(role, {})
         named = next((name for name in (FREE_RUN, "closed_loop", "honest") if name in protocols), None)
         return {} if named is None else dict(protocols[named])
 
     def summary(self) -> str:
-        """What `greybox fit` prints: verdict, data, optimum, parameters with intervals, errors on what was held out."""
+        """The text that `greybox fit` prints: verdict, data, optimum, parameters with intervals, held-out errors."""
         return as_text(self.parts())
 
     def parts(self) -> Iterator[RenderableType]:
-        """What `greybox fit` prints, part by part."""
+        """The text that `greybox fit` prints, part by part."""
         return parts(self, self.vehicle)
 
     def to_json(self) -> dict[str, Any]:
-        """What `greybox fit --json` prints of it."""
+        """The object that `greybox fit --json` prints."""
         return as_dict(self)
 
     def score(self, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
-        """Errors on a recording, as `gb.score` gives them: a row per output and horizon."""
+        """Errors on a recording, as from `gb.score`: a row per output and horizon."""
         return predictions.score(self, recording, columns)
 
     def validate(self, recordings: Recordings, columns: Columns = "canonical") -> Validation:
-        """Whether the fit is usable on other recordings, beside persistence and the model before it was fitted.
+        """Whether the fit is usable on other recordings, compared with persistence and the model before the fit.
 
         Parameters
         ----------
-        recordings : one or several, read or named by files.
-        columns : column map, where files are named.
+        recordings : one or several, as recordings or files.
+        columns : column map for files.
 
         Returns
         -------
@@ -200,7 +201,7 @@ class FitResult(NamedEstimates):
 
         Raises
         ------
-        BadInput : a signal is missing.
+        BadInput : if a signal is missing.
         """
         read = given.recordings(recordings, columns)
         names = [item.name for item in read]
@@ -215,7 +216,7 @@ class FitResult(NamedEstimates):
         start: Mapping[str, float] | None = None,
         columns: Columns = "canonical",
     ) -> Recording:
-        """The free run on a recording's inputs, as `gb.simulate` gives it."""
+        """The free run on a recording's inputs, as from `gb.simulate`."""
         return predictions.simulate(self, recording, start=start, columns=columns)
 
     def predict(
@@ -225,29 +226,29 @@ class FitResult(NamedEstimates):
         columns: Columns = "canonical",
         calibrate: str | None = None,
     ) -> Recording:
-        """Predictions so many seconds ahead, as `gb.predict` gives them; `calibrate="timing"` as there."""
+        """Predictions over a horizon in seconds, as from `gb.predict`; `calibrate="timing"` likewise."""
         return predictions.predict(self, recording, horizon, calibrate=calibrate, columns=columns)
 
     def residuals(
         self, recording: Recording | str | Path, horizon: float | None = None, columns: Columns = "canonical"
     ) -> Recording:
-        """Measured less predicted, output by output, in SI units; NaN in rows that are not predicted or not measured.
+        """Measured minus predicted per output, in SI units; NaN in rows without prediction or measurement.
 
         Parameters
         ----------
-        recording : inputs and readings.
+        recording : inputs and measurements.
         horizon : s ahead of the readings of every row; None for the free run.
-        columns : column map, where a file is named.
+        columns : column map for a file.
         """
         return predictions.residuals(self, recording, horizon, columns)
 
     def profile(self, parameter: str, confidence: float = 0.95) -> Profile:
-        """Profile likelihood of a parameter, all others re-optimised, as `gb.profile` gives it."""
+        """Profile likelihood of a parameter, with all others re-optimised, as from `gb.profile`."""
         return profiles.profile(self, parameter, confidence=confidence)
 
     @understood
     def linearise(self, v_x: float, steer: float = 0.0) -> control.StateSpace:
-        """The linear system about a steady turn, for poles, Bode plots and step responses with python-control.
+        """The linear system around a steady turn, for poles, Bode plots and step responses with python-control.
 
         Parameters
         ----------
@@ -257,13 +258,13 @@ class FitResult(NamedEstimates):
         Returns
         -------
         control.StateSpace
-            States, inputs and outputs carry the model's names (`sys.state_labels` ...), in SI units, as deviations from
-            the steady state. Actuators (lags) and relaxed quantities are states; pure delays are not in it, and a
-            warning says so.
+            States, inputs and outputs have the model's names (`sys.state_labels` ...), in SI units, as deviations from
+            the steady state. Actuators (lags) and relaxed quantities are states; pure delays are omitted with a
+            warning.
 
         Raises
         ------
-        BadInput : the model is none of equations of motion, or has no steady state there.
+        BadInput : if the model is not one of equations of motion, or has no such steady state.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Fitting a model to recordings, and fits from files."""
+"""Fits of models to recordings, and fits from files."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
 
 Progress = Callable[..., None]
-"""Called with a line of progress at a time."""
+"""Called with each line of progress."""
 
 
 @understood
@@ -58,39 +58,38 @@ def fit(
 
     Parameters
     ----------
-    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model"; None, or a vehicle, takes the
-        vehicle's model. Its nominal values are the start.
-    recordings : training data: one recording or a list, read or named by files; a name may be a pattern.
-    validation : a recording that is only scored, except under early stopping, where it chooses when to stop.
-    vehicle : whose numbers a model that is named starts from: a `Vehicle`, a shipped name or a file.
-    settings : hyperparameters of a model that is named, such as {"tyre": "brush"}.
+    model : a model (from `gb.models`, or your own), its name, or "my_car.py:my_model"; None, or a vehicle, uses the
+        vehicle's model. Its nominal values are the initial values.
+    recordings : training data: one recording or a list, as recordings or files; a name may be a pattern.
+    validation : a recording that is only scored, except with early stopping, which it controls.
+    vehicle : with the initial values of a model given by name: a `Vehicle`, a shipped name or a file.
+    settings : hyperparameters of a model given by name, such as {"tyre": "brush"}.
     effects : names of effects that are added, "steering_delay" (estimated) or "steering_delay=30ms" (fixed).
-    fix : parameters that are held, by name; or name -> value to hold them at, a number in SI or a text with a unit.
-    free : names of parameters that are estimated though the model fixes them.
+    fix : names of parameters that are fixed; or name -> value to fix them at, a number in SI or a text with a unit.
+    free : names of parameters that are estimated although the model fixes them.
     prior : name -> (mean, sd), estimated with that prior.
-    start : name -> value where the estimation starts.
-    per_run : names of parameters that have one value for each unbroken run.
-    columns : column map, where files are named.
+    start : name -> initial value of the estimation.
+    per_run : names of parameters that have one value per run.
+    columns : column map for files.
     options : horizon, starting points, solver, seed.
-    pretrain : for mlp_lateral and bicycle_mlp, a fit or posterior of equations of motion, or its file, from which the
-        network learns first; bicycle_mlp takes its physics from there. For hybrid_stiffness and hybrid_force, a fit of
-        the same model, whose training is carried on: of a vehicle with other tyres, 20 s will do.
-    pretrain_points, pretrain_range : at how many points, on rows of the recordings ("data") or in a box 1.3 times as
+    pretrain : for mlp_lateral and bicycle_mlp, a fit or posterior of equations of motion, or its file, on which the
+        network is pretrained; bicycle_mlp also takes its physics from it. For hybrid_stiffness and hybrid_force, a fit
+        of the same model, whose training is continued: 20 s suffice for a vehicle with other tyres.
+    pretrain_points, pretrain_range : number of points, on rows of the recordings ("data") or in a range 1.3 times as
         wide ("box").
-    pretrain_beyond : for speeds that were not driven: train also on what the known vehicle does at up to so many times
-        the fastest speed recorded, from 1 to 3.
-    progress : called with one line at a time.
+    pretrain_beyond : for speeds outside the data: pretrain up to this multiple, 1 to 3, of the largest recorded speed.
+    progress : called with each line of progress.
 
     Returns
     -------
     Fit
         Estimates with intervals (`params`, `stderr`, `conf_int()`), `summary()`, `score(...)`, `plot`, and more. Ctrl-C
-        keeps the best point so far and says so in the stage's status.
+        keeps the best point so far, which the stage's status mentions.
 
     Raises
     ------
-    BadInput : a name stands for nothing, a recording lacks a signal, differs in sample time or is too short, or nothing
-        moves in any.
+    BadInput : if a name is unknown, a recording lacks a signal, differs in sample time or is too short, or none
+        contains motion.
 
     Examples
     --------
@@ -107,7 +106,7 @@ def fit(
     if isinstance(model, Vehicle):
         model, vehicle = None, model
     stated = given.vehicle(vehicle)
-    if model is None or isinstance(model, str):  # what is wrong with it is better said before recordings are read
+    if model is None or isinstance(model, str):  # report errors in it before reading recordings
         requested: RequestedModel | Model = given.requested(model, stated, settings, effects, chosen)
     elif isinstance(model, RequestedModel):
         requested, stated = model, model.vehicle
@@ -139,21 +138,21 @@ def _fitted(
     known: Pretraining | TrainedBefore | None,
     say: Say,
 ) -> FitResult:
-    """The fit of a model to recordings that were read.
+    """Fit a model to recordings that were read.
 
     Parameters
     ----------
-    requested : the model with what belongs to it as asked for, or the model itself.
-    nominal : the model it asks for.
+    requested : the model with vehicle, effects and choices as requested, or the model itself.
+    nominal : the requested model.
     training, validation : recordings.
-    options : how to fit.
-    known : what a network learns from first, or whose training is carried on.
-    say : where progress goes.
+    options : of the fit.
+    known : data for pretraining a network, or an earlier training to continue.
+    say : called with lines of progress.
 
     Raises
     ------
-    BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon; or they can carry no
-        fit.
+    BadInput : if a recording lacks a signal that the model needs, or is shorter than the horizon; or if the recordings
+        are not sufficient for a fit.
     """
     seen = (*training, *([validation] if validation is not None else []))
     must_be_recorded(nominal, seen)
@@ -180,11 +179,11 @@ def _fitted(
 def pretraining(
     model: Model, source: Fit | Posterior | str | Path, points: int, span: Span, beyond: float = 1.0
 ) -> Pretraining | TrainedBefore:
-    """The known vehicle of a fit, a posterior or the file of one, for a network to learn from, or a trained hybrid.
+    """Pretraining data from a fit, a posterior or the file of either, or a trained hybrid to continue.
 
     Raises
     ------
-    BadInput : the model has no network, or the source is none of equations of motion, or no fit of the same model.
+    BadInput : if the model has no network, or the source is not of equations of motion, or not of the same model.
     """
     raise BadInput(
         f"‹pretrain› is for models with a network that learns the motion; {model.name} is fitted to "
@@ -199,14 +198,14 @@ def load(
     models: Model | str | Sequence[Model | str] = (),
     effects: Effect | str | Sequence[Effect | str] = (),
 ) -> FitResult:
-    """Read a fit that was saved.
+    """Read a saved fit.
 
-    A fit's file holds names and numbers and never runs code: equations of one's own are handed over again.
+    A fit's file contains names and numbers and never executes code: pass your own equations again.
 
     Parameters
     ----------
-    path : a file that `Fit.save` or `greybox fit` wrote.
-    models, effects : those of one's own that it was made with, or "my_car.py:my_model", which runs that file.
+    path : a file written by `Fit.save` or `greybox fit`.
+    models, effects : your own that the fit uses, or "my_car.py:my_model", which executes that file.
 
     Returns
     -------
@@ -214,11 +213,11 @@ def load(
 
     Raises
     ------
-    BadInput : the file is no fit or is damaged, or it needs equations that are not at hand: the sentence says which.
+    BadInput : if the file is not a fit or is damaged, or needs equations that are not available, which are then named.
 
     Warns
     -----
-    UserWarning : the file of equations of one's own has changed since the fit was saved.
+    UserWarning : if the file of your own equations has changed since the fit was saved.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A diagnosis as `gb.diagnose` returns it: ranking and budget, the closed model, a figure."""
+"""Result of `gb.diagnose`: ranking and budget, the closed model, a figure."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MOST_SHOWN = 4
-"""Effects that a diagnosis' `repr` shows."""
+"""Most effects that a diagnosis' `repr` shows."""
 
 
 @dataclass(frozen=True, repr=False)
 class GapResult(Gap):
-    """Where the simulation deviates from the vehicle, which effects cause it, and how far the gap closes.
+    """Where the simulation deviates from the vehicle, which effects cause it, and how far they close the gap.
 
-    `gb.diagnose` returns it. What it is as a record (`ranking`, `applied`, `where`, `gap`, `held_out`, `advice` ...) is
-    documented at `greybox_id.gap.Gap`.
+    `gb.diagnose` returns it. Attributes of the base class (`ranking`, `applied`, `where`, `gap`, `held_out`, `advice`
+    ...) are documented at `greybox_id.gap.Gap`.
 
     Attributes
     ----------
-    made : what it was made with, for its report.
-    vehicle : what was stated of the vehicle; None where nothing was.
+    made : provenance, for its report.
+    vehicle : as stated; None if none was.
 
     Examples
     --------
@@ -57,7 +57,7 @@ class GapResult(Gap):
 
     @classmethod
     def of(cls, gap: Gap, made: Made, vehicle: Vehicle | None = None) -> GapResult:
-        """A diagnosis with what it can do."""
+        """Wrap a diagnosis."""
         return cls(**{one.name: getattr(gap, one.name) for one in fields(Gap)}, made=made, vehicle=vehicle)
 
     @property
@@ -95,18 +95,18 @@ class GapResult(Gap):
         )
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """The budget of the gap as a waterfall, share by share; the ranking by probability where there is no budget.
+        """The budget of the gap as a waterfall of shares; the ranking by probability if there is no budget.
 
         Parameters
         ----------
-        ax : matplotlib Axes to draw into; a new figure's unless given.
+        ax : matplotlib Axes to draw into; in a new figure by default.
         """
         from .plots import budget
 
         return budget(self, ax)
 
     def summary(self) -> str:
-        """What `greybox gap` prints: whether, where, which effects, how far the gap closes, what is left."""
+        """The text that `greybox gap` prints: gap, location, causes, errors, and what remains."""
         return as_text(parts(self))
 
     def __repr__(self) -> str:
@@ -129,26 +129,27 @@ class GapResult(Gap):
 
 @dataclass(frozen=True, repr=False)
 class ChangeResult(GapResult):
-    """What changed in a vehicle since other recordings of it: `gb.diagnose` with `since`.
+    """What changed in a vehicle since earlier recordings: result of `gb.diagnose` with `since`.
 
-    The gap is that of the vehicle as it was before: `ranking`, `applied`, `plot()`, `closed_model` as of `GapResult`.
+    The gap is relative to the vehicle as it was before: `ranking`, `applied`, `plot()`, `closed_model` as in
+    `GapResult`.
 
     Attributes
     ----------
-    change : what changed, as `greybox_id.gap.changes.verb.Changed`.
+    change : the changes, as `greybox_id.gap.changes.verb.Changed`.
     """
 
     change: Changed | None = field(default=None, compare=False)
 
     @classmethod
     def since_then(cls, change: Changed, made: Made, vehicle: Vehicle) -> ChangeResult:
-        """A diagnosis of what changed, with what it can do."""
+        """Wrap a diagnosis of changes."""
         known = {one.name: getattr(change.gap, one.name) for one in fields(Gap)}
         return cls(**known, made=made, vehicle=vehicle, change=change)
 
     @property
     def _told(self) -> Changed:
-        assert self.change is not None  # since_then makes it
+        assert self.change is not None  # set by since_then
         return self.change
 
     @property
@@ -158,12 +159,12 @@ class ChangeResult(GapResult):
 
     @property
     def scatter(self) -> Mapping[str, tuple[float, float]]:
-        """Effect -> mean and standard deviation of its magnitude between the recordings from before."""
+        """Effect -> mean and standard deviation of its magnitude over the recordings from before."""
         return self._told.scatter
 
     @property
     def changed(self) -> pd.DataFrame:
-        """One row per effect that changed, with its 95 % interval, what it was `before`, and its `gain` in nats."""
+        """One row per effect that changed, with its 95 % interval, magnitude `before`, and `gain` in nats."""
         rows = [
             {
                 **{k: v for k, v in item.items() if k != "interval"},
@@ -177,16 +178,16 @@ class ChangeResult(GapResult):
 
     @property
     def not_changed(self) -> pd.DataFrame:
-        """One row per effect that did not: `effect`, and `within`, twice its standard deviation, scatter included."""
+        """One row per effect that did not: `effect`, and `within`, twice its standard deviation with scatter."""
         return pd.DataFrame(self._told.not_changed, columns=["effect", "within"])
 
     @property
     def not_seen(self) -> tuple[str, ...]:
-        """Effects of which these recordings would not show a usual change."""
+        """Effects whose usual change is below the detection limit of these recordings."""
         return tuple(self._told.not_seen)
 
     def summary(self) -> str:
-        """What the diagnosis says, as text."""
+        """The diagnosis as text."""
         return "\n".join([*changed_lines(self._told), super().summary()])
 
     def __repr__(self) -> str:
@@ -200,7 +201,7 @@ class ChangeResult(GapResult):
 
 
 def changed_lines(changed: Changed) -> list[str]:
-    """What changed in lines: a head, and one per effect."""
+    """Changes in lines: a heading, and one line per effect."""
     before = the_recordings(changed.since)
     if not changed.changed:
         return [f"changed  nothing beyond the scatter of {before}"]

@@ -1,4 +1,4 @@
-"""What people hand over, as what the verbs take: recordings, vehicles, models, names; or a sentence on why not."""
+"""Conversion of arguments to recordings, vehicles, models and names, with error messages."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from .reading import Columns, Recordings, files, of_type, one_recording, recordi
 __all__ = ["Columns", "Recordings", "files", "one_recording", "recordings"]
 
 VehicleLike: TypeAlias = Vehicle | str | Path | None
-"""What is stated of a vehicle: read, or named as a shipped one or by its file."""
+"""A vehicle, the name of a shipped one, or a file."""
 ModelLike: TypeAlias = Model | str | RequestedModel
-"""A model, its name, or FILE.py:NAME for one's own; as the command line says it, a name with what belongs to it."""
+"""A model, its name, or FILE.py:NAME for your own; or a name with vehicle, effects and choices, as in a command."""
 NAME_VALUE = "NAME or NAME=VALUE, as in m=3.5kg"
 Effects: TypeAlias = str | Effect | Iterable[str | Effect]
 """Effects, or their names as on the command line: "steering_delay", "steering_delay=30ms"."""
@@ -32,7 +32,7 @@ Numbers: TypeAlias = Mapping[str, Any]
 
 
 def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Recording]:
-    """Those that are meant; where none are, those that a fit was fitted to, where it knows them."""
+    """The given recordings; if there are none, the training recordings of a fit, if it has them."""
     if given is not None:
         return recordings(given, columns)
     seen = getattr(fit, "seen", None)
@@ -42,7 +42,7 @@ def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Record
 
 
 def vehicle(given: VehicleLike) -> Vehicle | None:
-    """The vehicle that is meant; None where none is."""
+    """The given vehicle; None if there is none."""
     if given is None or isinstance(given, Vehicle):
         return given
     if isinstance(given, str | Path):
@@ -51,7 +51,7 @@ def vehicle(given: VehicleLike) -> Vehicle | None:
 
 
 def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
-    """Names, of which one may stand alone."""
+    """Names, as a single one or several."""
     several = (given,) if isinstance(given, str) else tuple(given)
     for item in several:
         if not isinstance(item, str):
@@ -60,7 +60,7 @@ def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
 
 
 def must_be_share(value: object, argument: str) -> None:
-    """Raise `BadInput` for what is no number between 0 and 1, such as a level of confidence."""
+    """Raise `BadInput` unless a value is a number between 0 and 1, such as a confidence level."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < 1:
         raise BadInput(f"{argument}: a number between 0 and 1 is needed, such as 0.95, not {value!r:.40}.")
 
@@ -72,7 +72,7 @@ def choices(
     start: Numbers | None = None,
     per_run: str | Iterable[str] = (),
 ) -> Choices:
-    """What is said of parameters."""
+    """Choices on parameters."""
     return Choices(
         fix=fix if isinstance(fix, Mapping) else pairs(listed(fix, "fix"), NAME_VALUE, alone=True),
         free=listed(free, "free"),
@@ -89,7 +89,7 @@ def requested(
     effects: Effects = (),
     chosen: Choices | None = None,
 ) -> RequestedModel:
-    """The model that a name and what belongs to it ask for; None is the vehicle's own."""
+    """The model requested by name, vehicle, effects and choices; None is the vehicle's own model."""
     install()
     if name is not None and is_place(name):
         name = own_model(name).name
@@ -119,14 +119,14 @@ def model(given: ModelLike | Fit, vehicle_given: VehicleLike = None, effects: Ef
 
 
 def added(model: Model, effects: Iterable[Effect]) -> Model:
-    """A model with effects."""
+    """A model with added effects."""
     for effect in effects:
         model = model + effect
     return model
 
 
 def named_effects(given: Effects) -> tuple[list[Effect], list[str]]:
-    """Effects that are handed over, and those that are named."""
+    """Effects given as objects, and effects given by name."""
     several = [given] if isinstance(given, str | Effect) else list(given)
     objects, names = [], []
     for item in several:
@@ -140,7 +140,7 @@ def named_effects(given: Effects) -> tuple[list[Effect], list[str]]:
 
 
 def effect(name: str) -> Effect:
-    """The effect of a name, or of FILE.py:NAME."""
+    """The effect with a name, or of FILE.py:NAME."""
     if not isinstance(name, str):
         raise BadInput(f"effects: an Effect or its name is needed, not {of_type(name)}.")
     if is_place(name):

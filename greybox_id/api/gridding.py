@@ -1,4 +1,4 @@
-"""Many structures of one model with memory, fitted and compared."""
+"""Fits of many structures of one model with memory, and their comparison."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from .given import Columns
 
 
 class GridResult(Grid):
-    """What `gb.grid` found: a table with a row per structure, the one that is chosen and that of least AIC.
+    """Result of `gb.grid`: a table with a row per structure, the selected one and the one with the smallest AIC.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class GridResult(Grid):
     """
 
     def summary(self) -> str:
-        """What `greybox grid` prints."""
+        """The text that `greybox grid` prints."""
         return as_text(grid_parts(self))
 
 
@@ -58,7 +58,7 @@ def grid(
     to: str | Path | None = None,
     progress: Callable[..., None] | None = None,
 ) -> GridResult:
-    """Fit every structure of a model with memory that some settings span.
+    """Fit all structures of a model with memory that are combinations of some settings.
 
     Parameters
     ----------
@@ -66,22 +66,22 @@ def grid(
     recording : training data.
     varied : setting -> values.
     settings : the other settings.
-    validation : what is scored, and what the published AIC is formed on.
-    strength : of the priors; None cross-validates it once.
-    jobs : processes at a time.
-    columns : column map, where files are named.
-    to : .parquet file of the table, kept as fits come; one that is there is carried on.
-    progress : called with one line at a time.
+    validation : scored, and used for the published AIC.
+    strength : of the priors; None selects it once by cross-validation.
+    jobs : number of parallel processes.
+    columns : column map for files.
+    to : .parquet file of the table, updated after each fit; an existing one is continued.
+    progress : called with each line of progress.
 
     Returns
     -------
     Grid
         `table`, a row per structure; `chosen`, by the one-standard-error rule on cross-validation; `aic_best`;
-        `doubts`, sentences on why the recordings are not to be trusted.
+        `doubts`, sentences on why the recordings may be unreliable.
 
     Raises
     ------
-    BadInput : a setting cannot be used, or the model is not one with memory that is fitted in one step.
+    BadInput : if a setting cannot be used, or the model is not one with memory that is fitted in one step.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def spanned(pairs: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, Any]]
 
 
 def _kept_table(target: Path) -> pd.DataFrame | None:
-    """The rows of an earlier run; None where there is none."""
+    """The rows of an earlier run; None if there is none."""
     if not target.is_file() or target.stat().st_size == 0:
         return None
     try:
@@ -133,7 +133,7 @@ def _kept_table(target: Path) -> pd.DataFrame | None:
 
 
 def _written_to(target: Path) -> Callable[[pd.DataFrame], None]:
-    """What keeps a table in a file, whole at any time."""
+    """A function that writes a table to a file atomically."""
 
     def keep(table: pd.DataFrame) -> None:
         with replacing(target, continued=True) as beside:
@@ -143,7 +143,7 @@ def _written_to(target: Path) -> Callable[[pd.DataFrame], None]:
 
 
 def grid_parts(grid: Grid) -> Iterator[RenderableType]:
-    """A grid, part by part."""
+    """The text of a grid, part by part."""
     for doubt in grid.doubts:
         yield led("doubt", doubt)
     for word, row in (("chosen", grid.chosen), ("AIC", grid.aic_best)):

@@ -1,4 +1,4 @@
-"""What a network learns from before it is trained: a known vehicle, or what it was trained on before."""
+"""Pretraining of networks: by a known vehicle, or by an earlier training of the same network."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from ..models.registry import build
 from .fitting import pretraining
 
 DRAWS = 200
-"""Draws of a known vehicle's parameters."""
+"""Number of draws of a known vehicle's parameters."""
 
 
 @pretraining.register(HybridModel)
@@ -47,7 +47,7 @@ def _pretraining(
 
 
 def _about(fit: Fit) -> Array:
-    """Draws of the normal distribution of a fit's covariance, cut at bounds; where it has none, its estimates."""
+    """Draws from the normal distribution of a fit's covariance, limited to bounds; its estimates if it has none."""
     if fit.covariance is None or not np.any(fit.covariance):
         return fit.model.values[None]
     random = np.random.default_rng(fit.seed)

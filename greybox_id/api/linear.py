@@ -1,4 +1,4 @@
-"""A model of motion about a steady state, as a linear system of python-control."""
+"""Linearisation of a model of motion around a steady state, as a system of python-control."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from ..export.equations import Equations
 from ..models.model import Model
 
 EXACT = 1e-15
-"""Tolerances of the search for a steady state: as exact as numbers are."""
+"""Tolerances of the search for a steady state: machine precision."""
 SETTLED = 1e-6
-"""A state is steady where its rate, over its scale, is below this per second."""
+"""Largest rate of a state relative to its scale, 1/s, that counts as steady."""
 
 
 def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpace:
-    """The linear system about the steady state at a speed [m/s] and a road-wheel angle [rad].
+    """The linear system around the steady state at a speed [m/s] and a road-wheel angle [rad].
 
-    dx/dt = A x + B u, y = C x + D u, deviations from the steady state: A and B by differentiating the model's own
-    equations, its actuators and relaxed quantities among the states. Pure delays have no place in it.
+    dx/dt = A x + B u, y = C x + D u, in deviations from the steady state. A to D are derivatives of the model's own
+    equations, with actuators and relaxed quantities as states. Pure delays are omitted.
 
     Raises
     ------
-    BadInput : the model is none of equations of motion, or has no steady state there.
+    BadInput : if the model is not one of equations of motion, or has no such steady state.
     """
     for name, value in (("v_x", v_x), ("steer", steer)):
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
@@ -57,13 +57,13 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
 
 
 def _steady(equations: Equations, rates: cs.Function, v_x: float, steer: float) -> tuple[Array, Array]:
-    """States and inputs of the steady state: v_x and steer as given, all others such that nothing changes."""
+    """States and inputs of the steady state: v_x and steer as given, all others such that all rates are zero."""
     model = equations.model
     states, inputs = [state.name for state in equations.states], list(model.inputs)
     given = {"v_x": v_x, "steer": steer}
     x_0 = np.array([given.get(name, 0.0) for name in states])
     u_0 = np.array([given.get(name, model.defaults.get(name, 0.0)) for name in inputs])
-    for k, actuator in enumerate(model.actuators, len(model.states)):  # they stand at their command
+    for k, actuator in enumerate(model.actuators, len(model.states)):  # equal to their commands
         x_0[k] = given.get(actuator.signal, 0.0)
     loose_x = [k for k, name in enumerate(states) if name != "v_x"]
     loose_u = [k for k, name in enumerate(inputs) if name == "drive"] if "v_x" in states else []

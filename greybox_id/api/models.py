@@ -1,6 +1,6 @@
-"""Models by name: `gb.models.single_track(tyre="pacejka", vehicle=car)`; those of installed packages among them.
+"""Models by name, including those of installed packages: `gb.models.single_track(tyre="pacejka", vehicle=car)`.
 
-And what a model of one's own is made of: `MotionModel`, `State`, `Parameter`, `Prior`.
+Also the elements of your own models: `MotionModel`, `State`, `Parameter`, `Prior`.
 
 Examples
 --------
@@ -45,11 +45,11 @@ def single_track(tyre: str = "pacejka", vehicle: VehicleLike = None) -> MotionMo
     Parameters
     ----------
     tyre : "pacejka", "linear", "dugoff" or "brush".
-    vehicle : whose numbers it starts from: a shipped name, a file or a `Vehicle`; None leaves those of a full-size car.
+    vehicle : with the initial values: a shipped name, a file or a `Vehicle`; None uses those of a full-size car.
 
     Raises
     ------
-    BadInput : there is no such tyre or vehicle, or a number of it cannot be used.
+    BadInput : if the tyre or the vehicle is unknown, or a number of the vehicle cannot be used.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def kinematic(understeer: bool = True, vehicle: VehicleLike = None) -> MotionMod
     Parameters
     ----------
     understeer : whether it has an understeer gradient K_us [rad s^2/m].
-    vehicle : as of `single_track`.
+    vehicle : as in `single_track`.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def kinematic(understeer: bool = True, vehicle: VehicleLike = None) -> MotionMod
 
 
 def steering() -> MotionModel:
-    """Steering actuator: the measured road-wheel angle [rad] that lags its command [rad].
+    """Steering actuator: the measured road-wheel angle [rad], which lags behind its command [rad].
 
     Examples
     --------
@@ -127,12 +127,12 @@ def msnn_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel
 
     Parameters
     ----------
-    recording : training data whose range hyperparameters that are left open are to cover.
-    settings : hyperparameters, as `greybox models msnn_lat` lists them.
+    recording : training data that determine the range of hyperparameters that are not set.
+    settings : hyperparameters, as listed by `greybox models msnn_lat`.
 
     Raises
     ------
-    BadInput : there is no such setting, or the recording lacks a signal.
+    BadInput : if a setting is unknown, or the recording lacks a signal.
 
     Examples
     --------
@@ -144,42 +144,42 @@ def msnn_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel
 
 
 def msnn_long(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """Model-structured neural network of the longitudinal acceleration [m/s^2]; parameters as of `msnn_lat`."""
+    """Model-structured neural network of the longitudinal acceleration [m/s^2]; parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("msnn_long", recording, settings))
 
 
 def msnn_full(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """Both model-structured networks in closed loop; parameters as of `msnn_lat`."""
+    """Both model-structured networks in closed loop; parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("msnn_full", recording, settings))
 
 
 def msnn_full_plus(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """`msnn_full` whose structure cross-validation chooses when it is fitted by name; parameters as of `msnn_lat`."""
+    """`msnn_full`, with structure selected by cross-validation if fitted by name; parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("msnn_full_plus", recording, settings))
 
 
 def gnn(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """Network without structure of yaw rate and acceleration (Mungiello et al., G-NN); parameters as of `msnn_lat`."""
+    """Network without structure of yaw rate and acceleration (Mungiello et al., G-NN); parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("gnn", recording, settings))
 
 
 def msnn_bench_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """The paper's benchmark of the yaw rate (Mungiello et al., MS-NN-bench); parameters as of `msnn_lat`."""
+    """The paper's benchmark of the yaw rate (Mungiello et al., MS-NN-bench); parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("msnn_bench_lat", recording, settings))
 
 
 def msnn_bench_long(recording: Recording | None = None, **settings: Any) -> MemoryModel:
-    """The paper's benchmark of the acceleration (Mungiello et al., MS-NN-bench); parameters as of `msnn_lat`."""
+    """The paper's benchmark of the acceleration (Mungiello et al., MS-NN-bench); parameters as in `msnn_lat`."""
     return cast(MemoryModel, _network("msnn_bench_long", recording, settings))
 
 
 def hybrid_stiffness(recording: Recording | None = None, **settings: Any) -> HybridModel:
-    """Linear single track whose cornering stiffnesses a recurrent network predicts; parameters as of `msnn_lat`."""
+    """Linear single track whose cornering stiffnesses a recurrent network predicts; parameters as in `msnn_lat`."""
     return cast(HybridModel, _network("hybrid_stiffness", recording, settings))
 
 
 def mlp_lateral(recording: Recording | None = None, **settings: Any) -> HybridModel:
-    """Feed-forward network of the rates of v_y [m/s] and yaw rate [rad/s]; as `msnn_lat`.
+    """Feed-forward network of the rates of v_y [m/s] and yaw rate [rad/s]; parameters as in `msnn_lat`.
 
     Examples
     --------
@@ -191,31 +191,31 @@ def mlp_lateral(recording: Recording | None = None, **settings: Any) -> HybridMo
 
 
 def bicycle_mlp(recording: Recording | None = None, **settings: Any) -> HybridModel:
-    """Single track, and a feed-forward network of what its rates are off by; as `msnn_lat`."""
+    """Single track, and a feed-forward network of the errors of its rates; parameters as in `msnn_lat`."""
     return cast(HybridModel, _network("bicycle_mlp", recording, settings))
 
 
 def hybrid_force(recording: Recording | None = None, **settings: Any) -> HybridModel:
-    """Linear single track whose axle forces a recurrent network predicts; parameters as of `msnn_lat`."""
+    """Linear single track whose axle forces a recurrent network predicts; parameters as in `msnn_lat`."""
     return cast(HybridModel, _network("hybrid_force", recording, settings))
 
 
 def own(place: str) -> Model:
-    """A model of one's own from a file, which is run.
+    """Your own model, from a Python file that is executed.
 
     Parameters
     ----------
-    place : FILE.py:NAME, as in "my_car.py:my_model"; NAME is a model, or a function without arguments that makes one.
+    place : FILE.py:NAME, such as "my_car.py:my_model"; NAME is a model, or a function without arguments that makes one.
 
     Raises
     ------
-    BadInput : the file does not run, has no such name, or names itself like a shipped model.
+    BadInput : if the file fails, lacks the name, or has the name of a shipped model.
     """
     return own_model(place)
 
 
 def names() -> tuple[str, ...]:
-    """Names of all models: those shipped, and those of installed packages.
+    """Names of all models, shipped and from installed packages.
 
     Examples
     --------
@@ -244,7 +244,7 @@ def vehicles() -> tuple[str, ...]:
 
 
 def __getattr__(name: str) -> Callable[..., Model]:
-    """A model that an installed package brings."""
+    """A model of an installed package."""
     if name.startswith("_"):
         raise AttributeError(name)
     install()
@@ -258,12 +258,12 @@ def __getattr__(name: str) -> Callable[..., Model]:
 
 
 MOST_SHOWN, IN_A_LINE = 12, 4
-"""Values that are shown, and of those in a line."""
+"""Most values that are shown, and number per line."""
 
 
 @dataclass(frozen=True)
 class KnownVehicle(Vehicle):
-    """What is stated of a vehicle: values, how well they are known, tolerances, sensor noise; from a file and to it.
+    """The stated numbers of a vehicle: values, standard deviations, tolerances, sensor noise; from a file and to it.
 
     Attributes are those of `greybox_id.models.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise`
     (signal -> standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
@@ -280,11 +280,11 @@ class KnownVehicle(Vehicle):
 
     @classmethod
     def load(cls, path: str | Path) -> KnownVehicle:
-        """A shipped vehicle by its name, or one's own from a .toml or .json file.
+        """A shipped vehicle by its name, or your own from a .toml or .json file.
 
         Raises
         ------
-        BadInput : there is no such vehicle, or its file is no valid vehicle file.
+        BadInput : if the vehicle is unknown, or its file is not a valid vehicle file.
         """
         if not isinstance(path, str | Path):
             raise BadInput(f"path: a shipped name or a path is needed, not {path!r:.60}.")
@@ -306,7 +306,7 @@ class KnownVehicle(Vehicle):
         return f"<pre>{escape(repr(self))}</pre>"
 
     def save(self, path: str | Path) -> Path:
-        """Write a vehicle file, .toml or .json, atomically. Raises `BadInput` where it cannot be written."""
+        """Write a vehicle file, .toml or .json, atomically. Raises `BadInput` if it cannot be written."""
         return write_vehicle(self, path)
 
 

@@ -1,4 +1,4 @@
-"""Diagnoses and tracks in reports; those of fits alone do without what is loaded here."""
+"""Diagnoses and tracks in reports; a separate module, so that reports of fits need not import them."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from .gap_result import GapResult
 from .track_result import TrackResult
 
 Other = Gap | TrackResult | Digest
-"""Results that are no fits."""
+"""Results that are not fits."""
 
 
 def opened(file: str | Path, kind: str) -> Other:
-    """The diagnosis or the track in a file of that kind."""
+    """The diagnosis or track in a file of this kind."""
     return GapResult.of(*load_gap(file)) if kind == "greybox-gap" else load_track(file)
 
 
 def model_of(result: Other) -> Model | None:
-    """Its model, where it holds one."""
+    """The model of a result, if it has one."""
     return result.closed if isinstance(result, Gap) else None if isinstance(result, Digest) else result.model
 
 
 def document(result: Other) -> Document:
-    """What its report says."""
+    """The report of a result."""
     if isinstance(result, TrackResult | Digest):
         return track_report(result if isinstance(result, Digest) else result.digest)
     if not isinstance(result, GapResult):

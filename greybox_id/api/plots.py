@@ -1,4 +1,4 @@
-"""Figures of results as matplotlib Axes, for people to restyle: `fit.plot.tyres()`, `gap.plot()`, `track.plot()`."""
+"""Figures of results as matplotlib Axes, which can be restyled: `fit.plot.tyres()`, `gap.plot()`, `track.plot()`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from .given import Columns
 
 SLIPS = ("alpha_f", "alpha_r")
 SLIP = 0.25
-"""Slip angles, rad, to which tyre curves are drawn where no recording says how far the vehicle slipped."""
+"""Largest slip angle of tyre curves, rad, if no training data are available."""
 POINTS = 81
 SIMULATED = look(BLUE, dashes=DASHED)
 
@@ -46,7 +46,7 @@ class FitPlots:
 
     Parameters
     ----------
-    fit : whose figures these are.
+    fit : the fit.
 
     Examples
     --------
@@ -63,7 +63,7 @@ class FitPlots:
         self._fit = fit
 
     def __call__(self, recording: Recording | str | Path | None = None, **options: Any) -> np.ndarray[Any, Any]:
-        """The usual figure, `measured_and_simulated`, with its parameters."""
+        """The default figure, `measured_and_simulated`, with its parameters."""
         return self.measured_and_simulated(recording, **options)
 
     def __repr__(self) -> str:
@@ -78,18 +78,18 @@ class FitPlots:
         axes: Any = None,
         columns: Columns = "canonical",
     ) -> np.ndarray[Any, Any]:
-        """Outputs over time, as measured and as the model simulates them freely, or predicts them over a horizon.
+        """Outputs over time, measured and simulated in free run or predicted over a horizon.
 
         Parameters
         ----------
-        recording : to be compared with; by default what was held out, else what was fitted.
-        horizon : s of predictions; None for the free run.
+        recording : to compare with; by default the held-out one, or the training one if none was held out.
+        horizon : of predictions, s; None for the free run.
         axes : (outputs,) matplotlib Axes to draw into.
-        columns : column map, where a file is named.
+        columns : column map for a file.
 
         Returns
         -------
-        (outputs,) of matplotlib Axes, one for each output that was recorded.
+        (outputs,) of matplotlib Axes, one per recorded output.
         """
         value = self._recording(recording, columns)
         result = predictions.predict(self._fit, value, horizon)
@@ -103,7 +103,7 @@ class FitPlots:
             ax.set_ylabel(_label(self._fit.model, name))
         if names:
             beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False}
-            drawn[0].legend(**beside, borderaxespad=0.2)  # above the axes: inside, it would cover lines
+            drawn[0].legend(**beside, borderaxespad=0.2)  # above the axes, where it covers no lines
             drawn[0].set_title(f"{self._fit.model.name} on {value.name}", loc="left")
         return drawn
 
@@ -115,7 +115,7 @@ class FitPlots:
         axes: Any = None,
         columns: Columns = "canonical",
     ) -> np.ndarray[Any, Any]:
-        """Measured less simulated over time; parameters and result as of `measured_and_simulated`."""
+        """Measured minus simulated over time; parameters and result as in `measured_and_simulated`."""
         value = self._recording(recording, columns)
         left = predictions.residuals(self._fit, value, horizon)
         drawn = _rows(axes, len(left.signals), "time [s]")
@@ -129,17 +129,17 @@ class FitPlots:
         return drawn
 
     def tyres(self, *, slip: float | None = None, v_x: float | None = None, ax: Axes | None = None) -> Axes:
-        """Lateral force over vertical load of either axle over its slip angle, with 95 % bands to first order.
+        """Lateral force over vertical load of both axles over slip angle, with first-order 95 % bands.
 
         Parameters
         ----------
-        slip : rad, the largest slip angle drawn; by default as far as the training data reach, else 0.25 rad.
-        v_x : speed, m/s; by default the median of the training data, else 10 m/s.
+        slip : rad, the largest slip angle drawn; by default that of the training data, or 0.25 rad.
+        v_x : speed, m/s; by default the median of the training data, or 10 m/s.
         ax : matplotlib Axes to draw into.
 
         Raises
         ------
-        BadInput : the model has no axles with slip angles.
+        BadInput : if the model has no axles with slip angles.
         """
         model = _motion(self._fit.model)
         if not has_tyres(model):
@@ -157,18 +157,18 @@ class FitPlots:
         return ax
 
     def handling(self, *, v_x: float | None = None, steer: float = 0.3, ax: Axes | None = None) -> Axes:
-        """Handling diagram: steering beyond what the path's curvature needs, over lateral acceleration, in steady
+        """Handling diagram: steering angle minus wheelbase times curvature, over lateral acceleration, in steady
         turns.
 
         Parameters
         ----------
-        v_x : speed, m/s; by default the median of the training data, else 10 m/s.
+        v_x : speed, m/s; by default the median of the training data, or 10 m/s.
         steer : rad, the largest road-wheel angle drawn.
         ax : matplotlib Axes to draw into.
 
         Raises
         ------
-        BadInput : the model does not steer, or has no steady turns.
+        BadInput : if the model has no steering, or no steady turns.
         """
         model = _motion(self._fit.model)
         speed = v_x if v_x is not None else self._speed()
@@ -187,7 +187,7 @@ class FitPlots:
 
         Parameters
         ----------
-        names : free single parameters; all of them unless given.
+        names : free scalar parameters; all by default.
         level : of the intervals.
         ax : matplotlib Axes to draw into.
         """
@@ -220,7 +220,7 @@ class FitPlots:
         return float(np.nanmedian(np.concatenate(speeds))) if speeds else 10.0
 
     def _slip(self) -> float:
-        """The largest slip angle that the training data show, rad."""
+        """A slip angle slightly beyond those of the training data, rad."""
         model = _motion(self._fit.model)
         slipping = replace(model, outputs=(*model.outputs, *(name for name in SLIPS if name not in model.outputs)))
         result: list[Array] = []
@@ -262,7 +262,7 @@ def along_track(track: Track, names: Sequence[str], axes: Any) -> Axes | np.ndar
 
 
 def budget(gap: Gap, ax: Axes | None) -> Axes:
-    """The shares of a gap as a waterfall; effects by probability where the diagnosis has no budget."""
+    """The shares of a gap as a waterfall; effects by probability if the diagnosis has no budget."""
     ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
     shares = gap.budget
     if shares is not None:
@@ -285,7 +285,7 @@ def budget(gap: Gap, ax: Axes | None) -> Axes:
 
 
 def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:
-    """Axes one below the other: those given, or of a new figure."""
+    """Axes one below the other, given or in a new figure."""
     if axes is not None:
         drawn = np.atleast_1d(np.asarray(axes, dtype=object))
         if len(drawn) != count:
@@ -298,7 +298,7 @@ def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:
 
 
 def _laid(time: Array, runs: Sequence[tuple[int, int]]) -> list[tuple[slice, Array]]:
-    """Rows and time of every run; where a clock begins anew, the run is laid behind the one before."""
+    """Rows and time of every run; if a clock starts again, the run follows the previous one."""
     result: list[tuple[slice, Array]] = []
     end, moved = -np.inf, 0.0
     for start, stop in runs:

@@ -1,6 +1,6 @@
-"""What a model makes of a recording: free runs, predictions, residuals as recordings; errors as a table.
+"""Free runs, predictions and residuals of a model as recordings, and its errors as a table.
 
-How far a fit is from recordings it was not fitted to, and whether it is usable on them.
+Validation of a fit on recordings that it was not fitted to.
 """
 
 from __future__ import annotations
@@ -72,25 +72,25 @@ def simulate(
     effects: Effects = (),
     columns: Columns = "canonical",
 ) -> Recording:
-    """Simulate every unbroken run of a recording freely, to its end, on its inputs alone.
+    """Simulate every run of a recording freely, from its first row to its end, given only its inputs.
 
     Parameters
     ----------
     model : a fit, a model, or a model's name.
-    recording : its inputs; readings of outputs are only needed where a run starts.
-    start : state -> value at the start of every run, a number in SI or a text with a unit; others start from the first
-        row's readings.
-    vehicle, effects : what a model that is named starts from, and what is added to it.
-    columns : column map, where a file is named.
+    recording : with the inputs; measurements of outputs are needed only in the first row of each run.
+    start : state -> value at the start of every run, a number in SI or a text with a unit; other states start from the
+        measurements in the first row.
+    vehicle, effects : for a model given by name: initial values, and effects that are added.
+    columns : column map for a file.
 
     Returns
     -------
     Recording
-        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows that are not predicted.
+        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows without prediction.
 
     Raises
     ------
-    BadInput : an input is missing, a name stands for nothing, or the model has no loop to run in.
+    BadInput : if an input is missing, a name is unknown, or the model cannot run in closed loop.
 
     Examples
     --------
@@ -115,27 +115,26 @@ def predict(
     effects: Effects = (),
     columns: Columns = "canonical",
 ) -> Recording:
-    """Predict every row of a recording from the readings some time earlier.
+    """Predict every row of a recording from earlier measurements.
 
     Parameters
     ----------
     model : a fit, a model, or a model's name.
-    recording : inputs and readings.
-    horizon : s; equations of motion predict every row from the readings so much earlier. None for the free run.
-    open_loop : whether maps with memory predict one sample ahead from measured inputs.
-    calibrate : for fits of models with memory, "timing" or "timing=8s": the first 5 s, or 8 s, of motion of each run
-        tell its delay, which is then held; what follows is predicted.
-    vehicle, effects, columns : as of `simulate`.
+    recording : inputs and measurements.
+    horizon : s; equations of motion predict every row from the measurements that much earlier. None for the free run.
+    open_loop : whether models with memory predict one sample ahead from measured inputs.
+    calibrate : for fits of models with memory, "timing" or "timing=8s": the delay of each run is estimated from its
+        first 5 s, or 8 s, of motion and then kept; the rest is predicted.
+    vehicle, effects, columns : as in `simulate`.
 
     Returns
     -------
     Recording
-        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows that are not predicted.
+        The outputs (n,) in SI units, on the time and runs of `recording`; NaN in rows without prediction.
 
     Raises
     ------
-    BadInput : a signal is missing, or the horizon is no number above zero, shorter than a sample or longer than every
-        run.
+    BadInput : if a signal is missing, or the horizon is not positive, shorter than a sample or longer than every run.
 
     Examples
     --------
@@ -153,17 +152,17 @@ def predict(
 
 @dataclass(frozen=True)
 class Predicted:
-    """What a model makes of a recording.
+    """Predictions of a recording by a model.
 
     Attributes
     ----------
-    model, recording : of what.
+    model, recording : the model and the recording.
     prediction : row by row.
-    how : in words, "0.5 s ahead".
-    called : what the recording of it is named after.
+    how : in words, such as "0.5 s ahead".
+    called : suffix for the name of the predicted recording.
     facts : further plain data: timing, posterior, start, warnings.
-    table : time, run, and every output as read and as predicted.
-    words : what a table of it is, in sentences.
+    table : time, run, and every output as measured and as predicted.
+    words : kind of the table's file, for messages.
     """
 
     model: Model
@@ -176,36 +175,36 @@ class Predicted:
     words: str = PREDICTIONS
 
     def as_recording(self) -> Recording:
-        """The outputs on the recording's time."""
+        """The predicted outputs on the recording's time."""
         return _as_recording(self.model, self.recording, self.prediction, self.called)
 
     @cached_property
     def errors(self) -> dict[str, Error]:
-        """Output -> its errors."""
+        """Output -> its error."""
         return prediction_errors(self.model.outputs, self.prediction, self.recording.sample_time)
 
     @property
     def runs(self) -> int:
-        """Unbroken runs that were predicted."""
+        """Number of predicted runs."""
         return len(np.unique(self.prediction.run))
 
     @property
     def not_finite(self) -> int:
-        """Rows without a finite value of every output."""
+        """Number of rows without a finite value of every output."""
         return int(np.sum(~np.all(np.isfinite(self.prediction.predicted), axis=1)))
 
     def save(self, path: Path) -> Path:
-        """Write the table as the file's name says."""
+        """Write the table in the format of the file's suffix."""
         write_table(self.table, path, self.words)
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it but the rows, as plain data."""
+        """All attributes except the rows, as plain data."""
         counts = {"rows": len(self.prediction.rows), "runs": self.runs, "not_finite": self.not_finite}
         return counts | dict(self.facts) | {"errors": as_dict({self.how: self.errors})[self.how]}
 
     def parts(self) -> Iterator[str]:
-        """What it says, line by line, the first one behind the file's name."""
+        """The text of the predictions, line by line; the first line follows the file's name."""
         yield f"{counted(len(self.prediction.rows), 'row')} in {counted(self.runs, 'run')}, {self.how}"
         for name, error in self.errors.items():
             yield f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(self.model.unit(name))}"
@@ -219,7 +218,7 @@ class Predicted:
 
 
 def prediction_target(out: str, words: str = PREDICTIONS) -> Path:
-    """Where predictions are to be written. Raises `BadInput` for another kind of file."""
+    """The file for predictions. Raises `BadInput` for another kind of file."""
     return claimed_table(out, words)
 
 
@@ -232,11 +231,11 @@ def simulated(
     columns: Columns = "canonical",
     fix: str | Iterable[str] | Numbers = (),
 ) -> Predicted:
-    """The free run of every unbroken run. Other arguments and errors are those of `simulate`.
+    """The free run of every run. Other parameters and errors are those of `simulate`.
 
     Parameters
     ----------
-    fix : parameters that are held at numbers of one's own.
+    fix : parameters that are fixed at your own values.
     """
     chosen, value = _both(model, recording, vehicle, effects, columns)
     chosen = with_choices(chosen, given.choices(fix))
@@ -260,11 +259,11 @@ def predicted(
     effects: Effects = (),
     columns: Columns = "canonical",
 ) -> Predicted:
-    """Every row from the readings some time earlier. Arguments and errors are those of `predict`.
+    """Every row from earlier measurements. Parameters and errors are those of `predict`.
 
     Parameters
     ----------
-    posterior : of a fit, or its file: the mean over its draws is predicted, and a 95 % band stands in the table.
+    posterior : of a fit, or its file: the prediction is the mean over its draws, and the table has a 95 % band.
     """
     must_be_horizon(horizon)
     seconds = calibrated_seconds(calibrate)
@@ -308,7 +307,7 @@ def residuals(
     horizon: float | None = None,
     columns: Columns = "canonical",
 ) -> Recording:
-    """Measured less predicted, on the recording's time, in SI units."""
+    """Measured minus predicted, on the recording's time, in SI units."""
     value = given.one_recording(recording, columns)
     result = predict(model, value, horizon)
     left = {name: value[name] - values for name, values in result.signals.items() if name in value}
@@ -322,8 +321,8 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     Parameters
     ----------
     model : a fit, a model, or a model's name.
-    recording : inputs and readings.
-    columns : column map, where a file is named.
+    recording : inputs and measurements.
+    columns : column map for a file.
 
     Returns
     -------
@@ -335,7 +334,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
 
     Raises
     ------
-    BadInput : a signal is missing.
+    BadInput : if a signal is missing.
 
     Examples
     --------
@@ -364,7 +363,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
 
 
 def must_be_horizon(horizon: object) -> None:
-    """Raise `BadInput` for what is no time above zero; None is the free run."""
+    """Raise `BadInput` unless a horizon is a positive time, or None for the free run."""
     if horizon is None:
         return
     if not isinstance(horizon, int | float) or isinstance(horizon, bool) or not 0 < horizon < np.inf:
@@ -389,7 +388,7 @@ def _both(
 
 
 def _as_recording(model: Model, recording: Recording, prediction: Prediction, suffix: str) -> Recording:
-    """Predictions on the time of what was predicted."""
+    """Predictions on the time of the recording."""
     signals = {}
     rows = np.asarray(prediction.rows, dtype=int)
     for k, name in enumerate(model.outputs):
@@ -404,14 +403,14 @@ def _as_recording(model: Model, recording: Recording, prediction: Prediction, su
 
 @dataclass(frozen=True)
 class Validation:
-    """A fit on recordings.
+    """Validation of a fit on recordings.
 
     Attributes
     ----------
     model : name of the fit's model.
-    verdict : whether it is usable on them, and why not.
+    verdict : whether the fit is usable on them, with reasons.
     scores : recording -> protocol or horizon -> output -> error.
-    held : the same of persistence; empty for models with memory.
+    held : likewise for persistence; empty for models with memory.
     units : output -> its SI unit.
     """
 
@@ -422,7 +421,7 @@ class Validation:
     units: Mapping[str, str]
 
     def parts(self) -> Iterator[RenderableType]:
-        """What it says, part by part."""
+        """The text of the validation, part by part."""
         value, beside = self._tables()
         yield verdict_table(self.verdict)
         yield ""
@@ -430,11 +429,11 @@ class Validation:
         yield motion_errors_table(value, unit_of=unit, beside=beside) if beside else errors_table(value, unit)
 
     def summary(self) -> str:
-        """What `greybox validate` prints: the verdict and the errors."""
+        """The text that `greybox validate` prints: the verdict and the errors."""
         return as_text(self.parts())
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """The validation as plain data."""
         value, beside = self._tables()
         more = {"persistence": beside} if beside else {}
         return {**self.verdict.as_dict(), "model": self.model, "metrics": value, **more}
@@ -450,7 +449,7 @@ class Validation:
 def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     """Score a fit on recordings, by name.
 
-    Equations of motion are set beside persistence, and beside the model as it was before it was fitted.
+    Equations of motion are compared with persistence, and with the model before the fit.
     """
     model = fit.model
     must_be_recorded(model, list(recordings.values()))

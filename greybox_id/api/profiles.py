@@ -43,23 +43,23 @@ ENDS = {
     End.FLAT: "side has no end",
     End.NOT_FINITE: "the profile ends where the model is no longer finite",
 }
-"""How one side of a profile ends, where the recording does not limit it."""
+"""End of one side of a profile -> words, if the recording does not limit it."""
 WORDS = "a table of profiles"
-"""What their file is, in sentences."""
+"""Kind of file, for messages."""
 MOVED = 0.1
-"""An optimum so many standard deviations from where a fit ended is another one."""
+"""Distance from the fit, in standard deviations, from which an optimum counts as another one."""
 
 
 @dataclass(frozen=True)
 class ProfileBeside:
-    """A profile beside what the covariance says.
+    """A profile with the intervals of the covariance, for comparison.
 
     Attributes
     ----------
-    profile : the profile, with the interval of the noise alone in it.
-    wald : interval by the covariance that the fit states, which counts the error of the model's form.
-    sd : standard deviation that the fit states.
-    noise_wald, noise_sd : both of the noise alone.
+    profile : the profile, including the interval for noise alone.
+    wald : interval by the covariance of the fit, which includes model error.
+    sd : standard deviation of the fit.
+    noise_wald, noise_sd : both for noise alone.
     """
 
     profile: Profile
@@ -78,8 +78,8 @@ class Profiles:
     fit : the fit.
     confidence : of the intervals.
     found : parameter -> its profile.
-    missed : parameters that an interruption left without one.
-    moved : parameters that an optimisation begun at the fit takes elsewhere -> how far, in standard deviations.
+    missed : parameters without a profile because of an interruption.
+    moved : parameters that a new optimisation from the fit moves -> distance in standard deviations.
     """
 
     fit: Fit
@@ -89,7 +89,7 @@ class Profiles:
     moved: Mapping[str, float] = field(default_factory=dict)
 
     def parts(self) -> Iterator[RenderableType]:
-        """What they say, part by part."""
+        """The text of the profiles, part by part."""
         if self.moved:
             most = max(self.moved, key=lambda name: abs(self.moved[name]))
             yield (
@@ -105,12 +105,12 @@ class Profiles:
             yield f"\ninterrupted before {', '.join(self.missed)}"
 
     def summary(self) -> str:
-        """What `greybox profile` prints."""
+        """The text that `greybox profile` prints."""
         return as_text(self.parts())
 
     def to_pandas(self) -> pd.DataFrame:
-        """Every profile point by point: value, rise of the objective, and the rise at which the interval ends, with the
-        error of the model's form and of the noise alone.
+        """All profiles point by point: value, rise of the objective, and the rise at which the interval ends, with
+        model error and for noise alone.
         """
         tables = [
             pd.DataFrame(
@@ -132,7 +132,7 @@ class Profiles:
         return path
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it as plain data."""
+        """The profiles as plain data."""
         return {
             "model": self.fit.model.name,
             "confidence": self.confidence,
@@ -151,26 +151,26 @@ def profile(
     confidence: float = 0.95,
     columns: Columns = "canonical",
 ) -> Profile:
-    """Follow the likelihood along one parameter of a fit, all others re-optimised.
+    """Profile likelihood of one parameter of a fit, with all others re-optimised.
 
     Parameters
     ----------
     fit : of equations of motion, or of a model with memory, whose physical parameters have profiles.
-    parameter : a free one that is the same in all runs.
-    recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
+    parameter : a free one that is common to all runs.
+    recordings : training recordings; a fit from `gb.fit` or `gb.load` has them.
     confidence : of the interval, between 0 and 1.
-    columns : column map, where files are named.
+    columns : column map for files.
 
     Returns
     -------
     Profile
-        `interval` in the parameter's SI unit, which counts the error of the model's form as the fit's interval does;
-        `noise_alone`, the interval without it; `values` (k,) along the profile, and `rise` (k,) of the objective there,
-        which ends the interval at `allowed`; `ends` says how either side ends, `about(name, unit)` all of it in words.
+        `interval` in the parameter's SI unit, which includes model error like the fit's interval; `noise_alone`, the
+        interval without it; `values` (k,) along the profile, and `rise` (k,) of the objective there, which ends the
+        interval at `allowed`; `ends`, how each side ends; `about(name, unit)`, all of it in words.
 
     Raises
     ------
-    BadInput : there is no such parameter, it was fixed, or a recording is not the one that was fitted.
+    BadInput : if the parameter is unknown or was fixed, or a recording is not the one that was fitted.
 
     Examples
     --------
@@ -184,7 +184,7 @@ def profile(
     if not isinstance(parameter, str):
         raise BadInput(f"parameter: the name of one parameter is needed, not {parameter!r:.60}.")
     given.must_be_share(confidence, "confidence")
-    profiled(fit, [parameter])  # a wrong name is said before recordings are read
+    profiled(fit, [parameter])  # report a wrong name before reading recordings
     read = given.seen_by(fit, recordings, columns)
     return profiles(fit, [parameter], read, confidence).found[parameter].profile
 
@@ -197,7 +197,7 @@ def profiles(
     jobs: int = 1,
     say: Say = quiet,
 ) -> Profiles:
-    """Profiles of several parameters, side by side in so many processes; Ctrl-C keeps those that are done."""
+    """Profiles of several parameters in `jobs` parallel processes; Ctrl-C keeps the finished ones."""
     problem, solution = restated(fit, matched(trained(fit), recordings))
     known = uncertainty(problem, solution.x, solution.nodes)
     away, pace, finished = apart(len(names), jobs), Pace(len(names)), itertools.count(1)
@@ -225,17 +225,17 @@ def profiles(
 
 
 def profiles_target(out: str) -> Path:
-    """Where profiles are to be written. Raises `BadInput` for another kind of file."""
+    """The file for profiles. Raises `BadInput` for another kind of file."""
     return claimed_table(out, WORDS, PLAIN)
 
 
 def trained(fit: Fit) -> Fit:
-    """The fit as if it had seen the recordings alone that it was fitted to."""
+    """The fit with records of its training recordings only."""
     return replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
 
 
 def _moved(fit: Fit, problem: LeastSquares, solution: Solution, known: Uncertainty) -> dict[str, float]:
-    """Parameters that an optimisation begun at the fit takes elsewhere, and how far, in standard deviations."""
+    """Parameters that a new optimisation from the fit moves, and their distances in standard deviations."""
     result = {}
     for parameter in fit.model.parameters:
         if parameter.shape == () and not parameter.fixed and parameter.scope == "model":
@@ -260,14 +260,14 @@ def _table(fit: Fit, result: Mapping[str, ProfileBeside], confidence: float) -> 
 
 
 def _interval(ends: tuple[float, float], sd: float) -> str:
-    """An interval, which may have no end."""
+    """An interval, whose ends may be infinite."""
     if all(math.isfinite(end) for end in (*ends, sd)) and sd > 0:
         return interval(*ends, sd)
     return f"[{number(ends[0])}, {number(ends[1])}]"
 
 
 def _status(profile: Profile) -> str:
-    """What a reader must know of a profile: sides that the recording does not limit."""
+    """Notes on a profile: sides that the recording does not limit."""
     sides = [f"{side} {ENDS[end]}" for side, end in zip(("lower", "upper"), profile.ends, strict=True) if ENDS[end]]
     return "; ".join(sides)
 

@@ -1,6 +1,6 @@
-"""Recordings from files, and whether they can be trusted.
+"""Reading of recordings from files, and data checks.
 
-What people hand over is a recording or names a file; nothing here loads models, which takes longer than reading.
+Arguments are recordings or names of files. This module does not import models, which takes longer than reading.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 Columns: TypeAlias = str | Path | ColumnMap
 """A column map: the name of a shipped one, the path of a TOML file, or the map itself."""
 Recordings: TypeAlias = Recording | str | Path | Sequence[Recording | str | Path]
-"""One recording or several, read or named by their files; a name may be a pattern such as "lap*.csv"."""
+"""One recording or several, as recordings or files; a name may be a pattern such as "lap*.csv"."""
 
 
 def recordings(given: Recordings, columns: Columns = "canonical", argument: str = "recordings") -> list[Recording]:
-    """All that is meant, read where files are named."""
+    """All given recordings, read from files if necessary."""
     several = [given] if isinstance(given, Recording | str | Path) else given
     if not isinstance(several, Sequence) or hasattr(several, "columns"):
         raise BadInput(
@@ -48,7 +48,7 @@ def recordings(given: Recordings, columns: Columns = "canonical", argument: str 
 def one_recording(
     given: Recording | str | Path, columns: Columns = "canonical", argument: str = "recording"
 ) -> Recording:
-    """The one that is meant."""
+    """The given recording."""
     result = recordings(given, columns, argument)
     if len(result) > 1:
         raise BadInput(f"{argument}: one recording is needed, and {len(result)} were given; pass them one by one.")
@@ -56,7 +56,7 @@ def one_recording(
 
 
 def files(pattern: str | Path, argument: str) -> list[Path]:
-    """The files of a path or a pattern, in the order of their names."""
+    """The files of a path or pattern, in the order of their names."""
     text = str(pattern)
     if Path(text).exists() or not has_magic(text):
         return [Path(text)]
@@ -67,7 +67,7 @@ def files(pattern: str | Path, argument: str) -> list[Path]:
 
 
 def of_type(given: object) -> str:
-    """What somebody handed over, in words."""
+    """Type and value of an argument, in words."""
     return f"the {type(given).__name__} {given!r:.40}" if not hasattr(given, "columns") else f"a {type(given).__name__}"
 
 
@@ -77,23 +77,23 @@ def _frame(given: object) -> str:
 
 @understood
 def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical") -> Recording | list[Recording]:
-    """Read a recording and turn it into SI units and ISO 8855 signs.
+    """Read a recording and convert it to SI units and ISO 8855 signs.
 
     Parameters
     ----------
     path : a CSV, Parquet, MAT, HDF5, MDF, ROS or MCAP file, or the folder of a ROS 2 bag. A pattern such as "lap*.csv",
         or a list, reads several.
     columns : a column map: the name of a shipped one, the path of a TOML file, or the map itself. The default expects
-        columns that are called like the signals, in SI units.
+        columns named like the signals, in SI units.
 
     Returns
     -------
     Recording, or a list of them for a pattern or a list
-        Signals (n,) for n rows; NaN where a cell is empty. Runs end where time stops running on in its usual step.
+        Signals (n,) for n rows; NaN for empty cells. A run ends where time does not continue with its usual step.
 
     Raises
     ------
-    BadInput : a file or the map cannot be read, a column is missing or holds text: the sentence says where.
+    BadInput : if a file or the map cannot be read, or a column is missing or contains text; the message names it.
 
     Examples
     --------
@@ -116,23 +116,23 @@ def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical"
 def check(
     recording: Recording | str | Path, wheelbase: float | None = None, columns: Columns = "canonical"
 ) -> list[Finding]:
-    """Say whether a recording can be trusted: its clock, values, units, signs, delays between channels, offsets at
+    """Check whether a recording can be trusted: clock, values, units, signs, delays between channels, offsets at
     rest.
 
     Parameters
     ----------
-    recording : what is checked.
-    wheelbase : m, where it is known: the steering's unit can then be checked more sharply.
-    columns : column map, where a file is named.
+    recording : the recording.
+    wheelbase : m, if known: the steering's unit can then be checked more precisely.
+    columns : column map for a file.
 
     Returns
     -------
     list of Finding
-        Gravest first, empty where nothing is noteworthy: `severity` (note, warning or distrust), `sentence`, `where`.
+        Most severe first, empty if nothing is noteworthy: `severity` (note, warning or distrust), `sentence`, `where`.
 
     Raises
     ------
-    BadInput : the recording cannot be read, or the wheelbase is no length.
+    BadInput : if the recording cannot be read, or the wheelbase is not a length.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def check(
     >>> [finding.sentence for finding in gb.check(lap) if finding.severity.value == "distrust"]
     []
     """
-    from ..datasets.checks import check as check_recording  # reading alone needs none of them
+    from ..datasets.checks import check as check_recording  # not needed for reading
 
     if wheelbase is not None and not (isinstance(wheelbase, int | float) and 0 < wheelbase < 100):
         raise BadInput(f"wheelbase: metres are needed, such as 0.32, not {wheelbase!r:.40}.")

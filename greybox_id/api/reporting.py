@@ -1,4 +1,4 @@
-"""Reports for people."""
+"""Reports of results."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ def report(
     effects: Iterable[Effect] = (),
     posterior: Posterior | str | Path | None = None,
 ) -> Path:
-    """Write what fits, diagnoses and tracks say as a report with figures, PDF or HTML.
+    """Write a report of fits, diagnoses and tracks with figures, as PDF or HTML.
 
     Parameters
     ----------
-    results : a fit, a gap or a track, or the file of one; several fits are set side by side, other lists one after the
-        other.
+    results : a fit, a gap or a track, or the file of one; several fits are compared, other lists are reported one after
+        the other.
     out : file to write, .pdf or .html, atomically.
-    recordings : those that the fits have seen, where they do not know them: those that `gb.fit` returned do, and loaded
-        ones read them again from where they were.
-    columns : column map, where files are named; of recordings that fits read again the one they name unless given.
-    effects : of one's own that a diagnosis has tried.
-    posterior : of a single fit of equations of motion, draws of `gb.sample` or their file: their table, a corner plot
-        and bands of predictions.
+    recordings : of the fits, if these do not have them: fits from `gb.fit` do, and loaded ones read them again from
+        their files.
+    columns : column map for files; for recordings that fits read again, by default that of the fit.
+    effects : your own that a diagnosis has tried.
+    posterior : of a single fit of equations of motion, draws from `gb.sample` or their file: adds a table, a corner
+        plot and bands of predictions.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def report(
 
     Raises
     ------
-    BadInput : a recording is missing or is another file, or `out` cannot be written.
+    BadInput : if a recording is missing or is another file, or `out` cannot be written.
 
     Examples
     --------
@@ -85,13 +85,13 @@ def report(
 
 @dataclass(frozen=True)
 class Report:
-    """A report that was written.
+    """A written report.
 
     Attributes
     ----------
-    file : the report.
-    figures : those that were written beside it.
-    verdict : its first sentences.
+    file : of the report.
+    figures : separate files of figures.
+    verdict : the first sentences of the report.
     """
 
     file: Path
@@ -111,13 +111,13 @@ def reported(
     moved: Mapping[str, Sequence[str | Path]] | None = None,
     figures: str | Path | None = None,
 ) -> Report:
-    """Write a report. Other arguments and errors are those of `report`.
+    """Write a report. Other parameters and errors are those of `report`.
 
     Parameters
     ----------
-    kind : "pdf" or "html"; as the name of `out` says unless given.
-    moved : role -> where the recordings of fits lie now, as of `FitResult.seen`.
-    figures : folder that the figures are written to as well, as SVG.
+    kind : "pdf" or "html"; by default from the suffix of `out`.
+    moved : role -> new paths of the recordings of fits, as in `FitResult.seen`.
+    figures : folder for the figures as separate SVG files.
     """
     kind = kind_of(out, kind)
     claim(out, becomes="a report")
@@ -130,7 +130,7 @@ def reported(
     seen = partial(_seen, recordings=recordings, columns=columns, moved=moved)
     with known(*(model for result in several if (model := _model_of(result)) is not None), *effects):
         if len(fits) == len(several) > 1:
-            from ..reports.comparison import NamedFit, comparison  # of several fits alone
+            from ..reports.comparison import NamedFit, comparison  # needed only for several fits
 
             documents = [comparison([NamedFit(name, fit, seen(fit)) for name, fit in _names(fits).items()])]
         elif posterior is not None:
@@ -146,7 +146,7 @@ def reported(
 
 
 def opened(file: str | Path) -> Result:
-    """The fit, the gap or the track that a file holds. Raises `BadInput` where it holds none."""
+    """The fit, gap or track in a file. Raises `BadInput` if it contains none."""
     kind = format_of(Path(file))
     if kind not in ("greybox-gap", "greybox-track"):
         return load_fit(file)
@@ -156,13 +156,13 @@ def opened(file: str | Path) -> Result:
 
 
 def beside(files: Sequence[str | Path], kind: str) -> Path:
-    """Where the report of some files is written unless a place is named: beside the first."""
+    """Default path of the report of some files: next to the first of them."""
     first = Path(files[0])
     return first.with_suffix(f".{kind}") if len(files) == 1 else first.with_name(f"comparison.{kind}")
 
 
 def _names(fits: Sequence[Fit]) -> dict[str, Fit]:
-    """Short names that differ: of the fits' files where that suffices, with their folders otherwise."""
+    """Unique short names: those of the fits' files if sufficient, or with their folders."""
     files = [fit.file for fit in fits if isinstance(fit, FitResult) and fit.file is not None]
     if len(files) < len(fits):
         return {f"{k} {fit.model.name}": fit for k, fit in enumerate(fits, 1)}
@@ -176,7 +176,7 @@ def _names(fits: Sequence[Fit]) -> dict[str, Fit]:
 
 
 def _results(opening: Sequence[object]) -> list[Result]:
-    """The same, all of them results. Raises `BadInput` where one is none."""
+    """The arguments, if all of them are results. Raises `BadInput` if one is not."""
     from .other_results import Other  # loads the diagnosis and the filters
 
     several = [item for item in opening if isinstance(item, Fit | Other)]
@@ -216,7 +216,7 @@ def _seen(
 
 
 def _one_after_the_other(documents: Sequence[Document]) -> Document:
-    """One report of several."""
+    """Several reports combined into one."""
     parts: list[Part] = []
     for document in documents:
         parts += [Section(f"{document.title}: {document.of}"), *document.parts]

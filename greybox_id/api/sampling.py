@@ -1,4 +1,4 @@
-"""Draws of the posterior of a fit's parameters, and what they predict."""
+"""Draws from the posterior of a fit's parameters, and their predictions."""
 
 from __future__ import annotations
 
@@ -39,16 +39,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WORDS = "a posterior"
-"""What its file is, in sentences."""
+"""Kind of file, for messages."""
 MOST_SHOWN = 12
-"""Parameters that a corner plot shows unless they are named."""
+"""Most parameters in a corner plot unless they are named."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosteriorResult(Posterior):
-    """Draws of the posterior of a fit's parameters, as `gb.sample` returns them.
+    """Draws from the posterior of a fit's parameters: result of `gb.sample`.
 
-    What it is as a record (`frame`, `table`, `r_hat`, `ess`, `weight` ...) is documented at
+    Attributes of the base class (`frame`, `table`, `r_hat`, `ess`, `weight` ...) are documented at
     `greybox_id.fitting.posterior.posterior.Posterior`.
 
     Examples
@@ -66,16 +66,16 @@ class PosteriorResult(Posterior):
 
     @classmethod
     def of(cls, posterior: Posterior) -> PosteriorResult:
-        """A posterior with what it can do."""
+        """Wrap a posterior."""
         return cls(**{field.name: getattr(posterior, field.name) for field in fields(Posterior)})
 
     @classmethod
     def load(cls, path: str | Path) -> PosteriorResult:
-        """Read a posterior that `save` or `greybox sample` wrote. Raises `BadInput` where the file is none."""
+        """Read a posterior written by `save` or `greybox sample`. Raises `BadInput` if the file is not one."""
         return cls.of(load_posterior(path))
 
     def parts(self) -> Iterator[RenderableType]:
-        """What it says, part by part."""
+        """The text of the posterior, part by part."""
         if not len(self):
             yield "no draws yet"
             return
@@ -100,7 +100,7 @@ class PosteriorResult(Posterior):
             yield f"\n{sentence}"
 
     def summary(self) -> str:
-        """What `greybox sample` prints."""
+        """The text that `greybox sample` prints."""
         return as_text(self.parts())
 
     def bands(
@@ -112,24 +112,25 @@ class PosteriorResult(Posterior):
         level: float = 0.95,
         columns: Columns = "canonical",
     ) -> pd.DataFrame:
-        """What the draws predict of a recording: the mean over 200 of them, and a band of readings.
+        """Predictions of a recording by the draws: the mean over 200 of them, and a band for measurements.
 
         Parameters
         ----------
         fit : whose posterior it is.
-        recording : inputs and, where they are read, outputs.
+        recording : inputs and, if measured, outputs.
         horizon : s ahead of the readings of every row; None for the free run.
-        level : share of readings expected within the band: parameters' spread and the residuals' spread together.
-        columns : column map, where a file is named.
+        level : share of measurements expected within the band, which includes the spread of parameters and residuals.
+        columns : column map for a file.
 
         Returns
         -------
         pandas.DataFrame
-            `time` [s], `run`, and by output readings, `_predicted`, `_predicted_low`, `_predicted_high` in SI units.
+            `time` [s], `run`, and by output measurements, `_predicted`, `_predicted_low`, `_predicted_high` in SI
+            units.
 
         Raises
         ------
-        BadInput : the posterior is of another fit, or a signal is missing.
+        BadInput : if the posterior is of another fit, or a signal is missing.
         """
         must_be_horizon(horizon)
         given.must_be_share(level, "level")
@@ -138,11 +139,11 @@ class PosteriorResult(Posterior):
         return banded_table(fit.model, value, predictive_band(fit, self, value, horizon, level=level))
 
     def corner(self, names: Sequence[str] | None = None) -> Figure:
-        """Corner plot: histograms of parameters on the diagonal, every pair of them below.
+        """Corner plot: histograms of parameters on the diagonal, scatter plots of pairs below.
 
         Parameters
         ----------
-        names : columns to show; the first twelve unless given.
+        names : columns to show; the first twelve by default.
 
         Returns
         -------
@@ -150,7 +151,7 @@ class PosteriorResult(Posterior):
 
         Raises
         ------
-        BadInput : there is no such column.
+        BadInput : if there is no such column.
         """
         chosen = list(self.names[:MOST_SHOWN] if names is None else names)
         for name in chosen:
@@ -182,27 +183,27 @@ def sample(
     Parameters
     ----------
     fit : of equations of motion.
-    recordings : those it was fitted to; a fit that `gb.fit` or `gb.load` returned knows them.
-    method : "mcmc" draws from the likelihood and the priors that the fit counted (needs the extra `sample`); "laplace"
-        near the fit's normal distribution, weighted by the same; "abc-smc" by distances alone.
-    draws : how many; of "abc-smc" particles.
-    seed : of everything random.
-    distance : of "abc-smc", "pooled" over all rows or "trajectories", the mean of each one's.
-    out : a .parquet file in which the run is kept meanwhile; called again with the same arguments it goes on there.
-    columns : column map, where files are named.
-    progress : called with one line at a time.
+    recordings : training recordings; a fit from `gb.fit` or `gb.load` has them.
+    method : "mcmc" draws from the likelihood and the priors of the fit (needs the extra `sample`); "laplace" from the
+        fit's normal distribution, with weights of the same posterior; "abc-smc" without a likelihood, by distances.
+    draws : number of draws; of "abc-smc", number of particles.
+    seed : of random numbers.
+    distance : for "abc-smc", "pooled" over all rows or "trajectories", the mean over those.
+    out : a .parquet file in which intermediate results are kept; a call with the same arguments continues from it.
+    columns : column map for files.
+    progress : called with each line of progress.
 
     Returns
     -------
     Posterior
-        `frame` (a row a draw), `table` (mean, sd and 95 % interval by parameter, with the error of the model's form as
-        in the fit's intervals, and of the noise alone), `noise_alone` (the draws without that error), `r_hat`, `ess`,
-        `summary()`, `corner()`, `priors()`, `to_arviz()`, `save(path)`. Ctrl-C leaves what there is, `complete` false.
+        `frame` (a row per draw), `table` (mean, sd and 95 % interval by parameter, with model error like the fit's
+        intervals, and for noise alone), `noise_alone` (the draws without model error), `r_hat`, `ess`, `summary()`,
+        `corner()`, `priors()`, `to_arviz()`, `save(path)`. Ctrl-C keeps the draws so far, with `complete` false.
 
     Raises
     ------
-    BadInput : the fit is of a network, a recording is not the one that was fitted (hashes are compared), its parameters
-        are not determined, or emcee is not installed.
+    BadInput : if the fit is of a network, a recording is not the one that was fitted (by hash), its parameters are not
+        identifiable, or emcee is not installed.
 
     Examples
     --------
@@ -222,7 +223,7 @@ def sample(
 
 
 def posterior_target(out: str | Path) -> Path:
-    """Where a posterior is to be written. Raises `BadInput` for another kind of file."""
+    """The file for a posterior. Raises `BadInput` for another kind of file."""
     target = Path(out)
     if target.suffix != ".parquet":
         raise BadInput(
@@ -237,7 +238,7 @@ def posterior_target(out: str | Path) -> Path:
 def sampled(
     fit: Fit, recordings: Sequence[Recording], options: SampleOptions, target: Path | None, say: Say
 ) -> PosteriorResult:
-    """Draws, kept in a file meanwhile, and gone on with where that holds an earlier run of the same."""
+    """Draws, saved to a file meanwhile; an earlier run with the same arguments in that file is continued."""
     if options.method == "mcmc":
         needed("emcee", "sample", "mcmc", "what emcee samples")
     read = matched(trained(fit), recordings)

@@ -1,4 +1,4 @@
-"""A track as `gb.track` returns it: a table, a figure."""
+"""Result of `gb.track`: a table, a figure."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WORDS = "a table of estimates"
-"""What its file is, in sentences."""
+"""Kind of file, for messages."""
 MOST_SHOWN = 6
-"""Estimates that a track's `repr` shows."""
+"""Most estimates that a track's `repr` shows."""
 
 
 @dataclass(frozen=True, repr=False)
 class TrackResult(Track):
     """Estimates along a recording, each with its standard deviation.
 
-    `gb.track` returns it. What it is as a record (`values`, `sds`, `units`, `innovations`, `consistency`, `sentences`
-    ...) is documented at `greybox_id.filters.Track`.
+    `gb.track` returns it. Attributes of the base class (`values`, `sds`, `units`, `innovations`, `consistency`,
+    `sentences` ...) are documented at `greybox_id.filters.Track`.
 
     Attributes
     ----------
     as_read : the recording before glitches of inputs were bridged.
-    how : filter, readings and noise as they were asked for.
-    made : what it was made with, for its report.
-    named : parameters and disturbances as they were named.
+    how : filter, readings and noise as requested.
+    made : provenance, for its report.
+    named : parameters and disturbances as requested.
 
     Examples
     --------
@@ -72,41 +72,41 @@ class TrackResult(Track):
 
     @classmethod
     def of(cls, track: Track, **more: Any) -> TrackResult:
-        """A track with what it can do."""
+        """Wrap a track."""
         return cls(**{one.name: getattr(track, one.name) for one in fields(Track)}, **more)
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Whether it can be used, and why."""
+        """Whether the track can be used, and why."""
         return verdict(self)
 
     @cached_property
     def digest(self) -> Digest:
-        """What its summary, its file and its report are made from."""
+        """Content of its summary, its file and its report."""
         return digest(self, self.as_read if self.as_read is not None else self.recording, self.made)
 
     def parts(self) -> Iterator[RenderableType]:
-        """What it says, part by part."""
+        """The text of the track, part by part."""
         return parts(self, self.digest)
 
     def summary(self) -> str:
-        """What `greybox track` prints: estimates, innovations, what must be known of them."""
+        """The text that `greybox track` prints: estimates, innovations, notes."""
         return as_text(self.parts())
 
     def as_dict(self) -> dict[str, Any]:
-        """All of it but the rows, as plain data."""
+        """All attributes except the rows, as plain data."""
         return as_dict(self, self.digest)
 
     def vehicle(self, before: VehicleLike) -> Vehicle:
-        """The vehicle with its numbers as calibrated, their uncertainty, and the noise.
+        """The vehicle with its calibrated numbers, their uncertainty, and the noise.
 
         Parameters
         ----------
-        before : the vehicle that the model started from.
+        before : the vehicle with the initial values of the model.
 
         Raises
         ------
-        BadInput : there is no such vehicle.
+        BadInput : if the vehicle is unknown.
         """
         stated = given.vehicle(before)
         if stated is None:
@@ -117,22 +117,22 @@ class TrackResult(Track):
         self, path: str | Path, *, figures: str | Path | None = None, vehicle: VehicleLike = None,
         to: str | Path | None = None,
     ) -> list[Path]:  # fmt: skip
-        """Write the table, and beside it a .json file of which `gb.report` makes a report: all or none of them.
+        """Write the table, and next to it a .json file from which `gb.report` makes a report: all or none of them.
 
         Parameters
         ----------
         path : a .csv, .parquet, .mf4 or .mcap file.
-        figures : folder for pictures, as SVG.
-        vehicle, to : write that vehicle with what was tuned to that file.
+        figures : folder for figures, as SVG.
+        vehicle, to : write this vehicle with the tuned numbers to this file.
 
         Returns
         -------
         list of Path
-            What was written.
+            The written files.
 
         Raises
         ------
-        BadInput : it cannot be written there.
+        BadInput : if a file cannot be written.
         """
         target, beside = track_target(path)
         with at_once():
@@ -161,12 +161,12 @@ class TrackResult(Track):
         return table
 
     def plot(self, *names: str, axes: Any = None) -> Axes | np.ndarray[Any, Any]:
-        """Estimates over time with bands of two standard deviations, and what was measured of them.
+        """Estimates over time with bands of two standard deviations, and measurements of the same quantities.
 
         Parameters
         ----------
-        names : estimates; all unless given.
-        axes : matplotlib Axes to draw into, one for each name.
+        names : estimates; all by default.
+        axes : matplotlib Axes to draw into, one per name.
 
         Returns
         -------
@@ -174,7 +174,7 @@ class TrackResult(Track):
 
         Raises
         ------
-        BadInput : it has no estimate of that name.
+        BadInput : if there is no estimate with a name.
         """
         from .plots import along_track
 
@@ -201,6 +201,6 @@ class TrackResult(Track):
 
 
 def track_target(out: str | Path) -> tuple[Path, Path]:
-    """The files of a track's table and of what its report is made of. Raises `BadInput` for another kind of file."""
+    """The files of a track's table and of its report's content. Raises `BadInput` for another kind of file."""
     target = claimed_table(str(out), WORDS)
     return target, claim(target.with_suffix(".json"), "‹out›", "a track")

@@ -1,4 +1,4 @@
-"""Tracking a vehicle along a recording: what is tracked by default, and the verb."""
+"""Tracking of a vehicle along a recording, and what is tracked by default."""
 
 from __future__ import annotations
 
@@ -50,16 +50,16 @@ def track(
 
     Parameters
     ----------
-    model : a fit (its covariance widens the bands), a model, a model's name, or a vehicle, whose model is taken.
+    model : a fit (its covariance widens the bands), a model, a model's name, or a vehicle, whose model is used.
     recording : in SI units. Glitches and short gaps of inputs are bridged and reported.
-    parameters : what walks at random: parameters, C_alpha_f, effects, quantities such as F_yf, or inputs. By default
-        what the vehicle's file says, else the cornering stiffnesses.
-    disturbances : what comes and goes about where it stands, such as road_bank.
-    vehicle : whose numbers a model that is named starts from.
-    effects : of one's own that may be tracked by name.
-    columns : column map, where a file is named.
+    parameters : tracked as random walks: parameters, C_alpha_f, effects, quantities such as F_yf, or inputs. By default
+        those in the vehicle's file, or the cornering stiffnesses.
+    disturbances : tracked as processes that return to their initial value, such as road_bank.
+    vehicle : with the initial values of a model given by name.
+    effects : your own that may be tracked by name.
+    columns : column map for a file.
     options : filter, readings, noise.
-    progress : called with one line at a time.
+    progress : called with each line of progress.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def track(
 
     Raises
     ------
-    BadInput : a name stands for nothing, the recording lacks an input, or the filter diverges.
+    BadInput : if a name is unknown, the recording lacks an input, or the filter diverges.
 
     Examples
     --------
@@ -99,16 +99,16 @@ def follow(
     model: ModelLike | Fit | Vehicle, lines: TextIO, out: TextIO, parameters: Iterable[str] = (),
     disturbances: Iterable[str] = (), columns: str = "canonical", options: TrackOptions | None = None,
 ) -> Verdict:  # fmt: skip
-    """Estimate line by line as comma-separated text comes in; the verdict, when it ends.
+    """Estimate line by line from a stream of comma-separated text; returns the verdict at its end.
 
     Parameters
     ----------
-    lines, out : text that is read, and that takes the estimates, flushed line by line.
-    model, parameters, disturbances, columns, options : as of `track`; noise is as stated, nothing is tuned.
+    lines, out : stream of input lines, and stream of estimates, flushed after each line.
+    model, parameters, disturbances, columns, options : as in `track`; noise is as stated, nothing is tuned.
 
     Raises
     ------
-    BadInput : a column is missing, a line cannot be read, or the noise of a reading is not stated.
+    BadInput : if a column is missing, a line cannot be read, or the noise of a reading is not stated.
     """
     from ..filters.live import follow as follow_lines
 
@@ -120,7 +120,7 @@ def follow(
 
 
 def stiffnesses(model: Model) -> tuple[str, ...]:
-    """The cornering stiffnesses a model has: what is tracked where nothing else is asked for."""
+    """The cornering stiffnesses of a model, which are tracked by default."""
     known = {
         *(combination.name for combination in model.combinations),
         *(parameter.name for parameter in model.parameters),
@@ -139,13 +139,13 @@ def principal(covariance: Array | None) -> Array | None:
 
 @dataclass(frozen=True)
 class TrackSetup:
-    """What is tracked.
+    """A model and what to track.
 
     Attributes
     ----------
-    model : with which.
-    plan : what is tracked of it where nothing else is asked for.
-    uncertain : (k, parameters) principal standard deviations of its numbers, which widen the bands; of a fit.
+    model : the model.
+    plan : what is tracked by default.
+    uncertain : (k, parameters) principal standard deviations of the parameters of a fit, which widen the bands.
     """
 
     model: MotionModel
@@ -154,13 +154,13 @@ class TrackSetup:
 
     @classmethod
     def of_fit(cls, fit: Fit) -> TrackSetup:
-        """By a fit's model, whose covariance widens the bands. Raises `BadInput` where it is none of motion."""
+        """From a fit, whose covariance widens the bands. Raises `BadInput` if its model is not one of motion."""
         motion_model = must_be_motion(fit.model)
         return cls(motion_model, TrackingPlan(parameters=stiffnesses(motion_model)), principal(fit.covariance))
 
     @classmethod
     def of_model(cls, model: Model, vehicle: Vehicle | None) -> TrackSetup:
-        """By a model, as the vehicle's file says. Raises `BadInput` where it is none of motion."""
+        """From a model and the vehicle's file. Raises `BadInput` if it is not a model of motion."""
         motion_model = must_be_motion(model)
         plan = vehicle.tracking if vehicle is not None else None
         return cls(motion_model, plan or TrackingPlan(parameters=stiffnesses(motion_model)))
@@ -168,19 +168,19 @@ class TrackSetup:
     def names(
         self, parameters: tuple[str, ...], disturbances: tuple[str, ...]
     ) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Parameters and disturbances as asked for, else those of the plan."""
+        """Parameters and disturbances as requested, or those of the plan."""
         walking = parameters or self.plan.parameters
         return walking, disturbances or tuple(name for name in self.plan.disturbances if name not in walking)
 
 
 def must_be_motion(model: Model) -> MotionModel:
-    """The model, where it is one of motion. Raises `BadInput` for others."""
+    """The model, if it is one of motion. Raises `BadInput` for others."""
     no = f"{model.name} is {model.called}; filters track equations of motion, such as single_track or lateral."
     return must_be(MotionModel, model, no)
 
 
 def track_setup(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None) -> TrackSetup:
-    """What is tracked. Arguments and errors are those of `track`."""
+    """What to track. Parameters and errors are those of `track`."""
     if isinstance(model, Fit):
         return TrackSetup.of_fit(model)
     if isinstance(model, RequestedModel):

@@ -139,7 +139,7 @@ class Digest:
     settings, effects : of the model; magnitudes of effects.
     made, data : provenance; the recording.
     filter, smoothed : "ekf" or "ukf", and whether estimates use later readings, too.
-    parameters, disturbances : tracked as random walks, and as processes that return to zero.
+    parameters, disturbances : tracked as random walks, and as processes that return to their initial value.
     rows, runs : number of each.
     estimates, truth, noise, calibrated, consistency : by name; `calibrated` has values and standard deviations.
     signals : input or reading -> (unit, role, quantiles at 0.5, 50 and 99.5 %).
