@@ -1,4 +1,4 @@
-"""The `greybox` command: a thin shell over the verbs; no logic lives here."""
+"""The `greybox` command: a thin layer over the Python interface, without logic of its own."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from .terminal import NotTaken, clean, drop_output, interrupts, streams, tell
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
 COLLECTED = (100_000, 1, 1)
-"""Objects after which cycles are looked for: with Python's own count, a tenth of a report's time goes into that, and of
-the objects of its imports and figures one in a hundred is ever found."""
+"""Thresholds of garbage collection: with Python's defaults it takes a tenth of a report's time, and finds hardly one in
+a hundred of the objects of imports and figures."""
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -44,14 +44,14 @@ def greybox(ctx: click.Context) -> None:
 def main() -> None:
     """Entry point: bad input ends with a sentence and exit code 2, Ctrl-C with 130.
 
-    What libraries warn of is not for users: they cannot act on it. What they must know, the commands say.
+    Warnings of libraries are not shown, since users cannot act on them. The commands print what users must know.
     """
     gc.set_threshold(*COLLECTED)
     with warnings.catch_warnings(), streams(), interrupts() as sent:
         warnings.showwarning = _unsaid
         try:
             _run(sent)
-            if sent:  # what was known is kept
+            if sent:  # results so far have been kept
                 _end("interrupted", INTERRUPTED)
         except Exception as error:
             _fail(error, bool(sent))
@@ -62,11 +62,11 @@ def main() -> None:
 def _unsaid(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
 ) -> None:
-    """Where warnings go; filters that make errors of them still do."""
+    """Discards warnings; filters that turn them into errors still do."""
 
 
 def _run(sent: list[int]) -> None:
-    """Run the command; what standard output does not take is told, but for a reader that has seen enough."""
+    """Run the command; report if standard output cannot be written, except to a reader that has closed its end."""
     code: str | int | None = 0
     try:
         try:
@@ -83,10 +83,10 @@ def _run(sent: list[int]) -> None:
 
 
 def _fail(error: Exception, interrupted: bool) -> None:
-    """End with what a person is told of an error.
+    """End with the message of an error.
 
-    After an interrupt whatever goes wrong came of it: libraries make errors of their own of one that reaches them,
-    while they are imported for instance.
+    After an interrupt, all errors are consequences of it: libraries that it reaches, such as during their import, may
+    raise errors of their own instead.
     """
     if interrupted or isinstance(error, click.Abort):
         _end("interrupted", INTERRUPTED)

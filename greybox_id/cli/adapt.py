@@ -1,4 +1,4 @@
-"""`greybox adapt`: a fit meets a car that may have changed."""
+"""`greybox adapt`: adaptation of a fit to a car that may have changed."""
 
 from __future__ import annotations
 

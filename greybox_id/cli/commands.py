@@ -1,4 +1,4 @@
-"""Which commands there are, groups that load them when they are called, and what of their options the guard is told."""
+"""The commands, groups that import them when called, and guards on the files that their options name."""
 
 from __future__ import annotations
 
@@ -19,51 +19,51 @@ from ..base.guard import allow_overwriting, claim, guarding, protect
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
-else:  # not every click that will do has generic types
+else:  # some supported versions of click have no generic types
     _Type = click.ParamType
 
 OVERWRITE = "--overwrite"
 WRITTEN = ("--out", "--apply", "--figures", "--report", "--repair")
-"""Options that name a file or folder to be written."""
+"""Options for files or folders to write."""
 
 
 class Guarded(_Type):
-    """A text as its own type takes it, which the guard is told of.
+    """A text parameter of any type that reports files to the guard.
 
     Parameters
     ----------
     own : the type.
-    written : the option, where it names what is written; else the text may be the name of a file that is read.
+    written : the option, if it names an output; otherwise the text may be the name of an input file.
     """
 
     def __init__(self, own: _Type, written: str = "") -> None:
         self.own, self.written, self.name = own, written, own.name
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """What the own type makes of it; claimed as an output, or kept from being written over if it is a file."""
+        """The value converted by its own type; outputs are claimed, existing input files are protected."""
         result: Any = self.own.convert(value, param, ctx)
         if self.written:
             claim(result, f"‹{self.written.removeprefix('--')}›")
         else:
-            with suppress(OSError, ValueError):  # no name that a file can have
+            with suppress(OSError, ValueError):  # not a valid name of a file
                 if Path(result).is_file():
                     protect(result)
         return result
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
-        """As the own type."""
+        """As the parameter's own type."""
         return self.own.get_metavar(param, ctx)
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
-        """As the own type."""
+        """As the parameter's own type."""
         return self.own.shell_complete(ctx, param, incomplete)
 
 
 class Finite(click.types.FloatParamType):
-    """A number that is one: click's own takes what is not a number, and ranges let it pass."""
+    """A finite number: click's own type accepts NaN, and its ranges do not exclude it."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """The number."""
+        """The number, which must be finite."""
         result = float(super().convert(value, param, ctx))
         if not math.isfinite(result):
             self.fail(f"a finite number is needed, not {value}.", param, ctx)
@@ -71,11 +71,11 @@ class Finite(click.types.FloatParamType):
 
 
 class FiniteRange(click.FloatRange, Finite):
-    """A finite number within a range, which click looks at last."""
+    """A finite number within a range, which is checked last."""
 
 
 def guarded(command: click.Command) -> click.Command:
-    """A command whose numbers are finite and whose texts the guard is told of; one that writes can overwrite."""
+    """A command with finite numbers and guarded texts; one with outputs gets the option to overwrite."""
     if isinstance(command, click.Group):
         return command
     for param in command.params:
@@ -93,7 +93,7 @@ def guarded(command: click.Command) -> click.Command:
             click.Option(
                 [OVERWRITE],
                 is_flag=True,
-                is_eager=True,  # before places are claimed
+                is_eager=True,  # before outputs are claimed
                 expose_value=False,
                 callback=_allow,
                 help="Replace existing output files, whatever they hold; input files are never replaced.",
@@ -147,9 +147,9 @@ GROUPS: Groups = {
         ),
     },
 }
-"""Heading -> command -> module that holds it, and its line of help."""
+"""Heading -> command -> module, and line of help."""
 LAST = "This tool"
-"""The heading that stays below those of installed packages."""
+"""The last heading, after those of installed packages."""
 _SHIPPED = {name: entry for commands in GROUPS.values() for name, entry in commands.items()}
 
 
@@ -164,7 +164,7 @@ def groups() -> Groups:
 
 
 def entry_of(name: str) -> tuple[str, str] | None:
-    """The module of a command and its line of help; packages are asked only for what is not shipped."""
+    """Module and line of help of a command; installed packages are searched only for commands that are not shipped."""
     return _SHIPPED.get(name) or {k: v for commands in groups().values() for k, v in commands.items()}.get(name)
 
 
@@ -174,26 +174,26 @@ def command_names() -> list[str]:
 
 
 OTHERWISE = {"validation": "validate", "effects": "with", "settings": "set"}
-"""Arguments of functions whose options have other names."""
+"""Arguments of functions -> options with other names."""
 
 
 def option_called(argument: str) -> str:
-    """The option that says what an argument of a function says."""
+    """The option for an argument of a function."""
     return f"--{OTHERWISE.get(argument, argument).replace('_', '-')}"
 
 
 class CommandGroup(click.Group):
-    """Commands under a name, one of which may have been meant; those that write can be told to overwrite."""
+    """Commands of a group; a wrong name is answered with similar ones, and outputs can be overwritten."""
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name."""
+        """The command with a name."""
         command = super().get_command(ctx, cmd_name)
         return None if command is None else guarded(command)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is called; a sentence with the nearest names where there is none."""
+        """The command that is called, or an error with the nearest names."""
         if not args[0].startswith("-") and not ctx.resilient_parsing and self.get_command(ctx, args[0]) is None:
             known = self.list_commands(ctx)
             raise click.UsageError(f"There is no command {args[0]!r}.{near_or_all(args[0], known)}", ctx)
@@ -201,14 +201,14 @@ class CommandGroup(click.Group):
 
 
 class LazyGroup(CommandGroup):
-    """All commands under their headings; a command's module is loaded when it is called."""
+    """All commands under their headings; a command's module is imported when it is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """All names, in the order of the help."""
         return command_names()
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The command of that name, its module loaded."""
+        """The command with a name, from its imported module."""
         entry = entry_of(cmd_name)
         if entry is None:
             return None
@@ -218,12 +218,12 @@ class LazyGroup(CommandGroup):
         return guarded(command)
 
     def main(self, *args: Any, **extra: Any) -> Any:
-        """Run a command; nothing that it reads is written over, nor anything of another kind."""
+        """Run a command, with protection of its inputs and of files of other kinds from being overwritten."""
         with guarding():
             return super().main(*args, **extra)
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Names and options that begin so; no module is loaded for it."""
+        """Matching names and options, without importing modules."""
         result = [
             CompletionItem(name, help=about)
             for commands in groups().values()
@@ -233,7 +233,7 @@ class LazyGroup(CommandGroup):
         return [*result, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the headings with their commands, columns aligned."""
+        """Write the headings with their commands in aligned columns."""
         width = max(map(len, command_names()))
         for heading, commands in groups().items():
             with formatter.section(heading):

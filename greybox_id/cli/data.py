@@ -1,4 +1,4 @@
-"""`greybox data`: is a recording to be trusted?"""
+"""`greybox data`: checks, maps, conversion and joining of recordings."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ WHEELBASE: Any = option("Wheelbase of the vehicle in m, to check the steering an
 
 
 class RepairTarget(Guarded):
-    """The map that a repair is written to; claimed once it is known not to be the one of --columns."""
+    """The file for a repaired map; claimed later, unless it is the map of --columns."""
 
     def __init__(self) -> None:
         super().__init__(click.STRING, written="--repair")
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The text as it is."""
+        """The text unchanged."""
         return self.own.convert(value, param, ctx)
 
 
@@ -114,15 +114,15 @@ def check_command(
 
 
 def _free_name() -> str:
-    """A name for a mended map that no file has here."""
+    """An unused file name for a repaired map."""
     names = (f"mended{number or ''}.toml" for number in count())
     return next(name for name in names if not Path(name).exists())
 
 
 def _kept_beside(columns: str, repair: str) -> Path | None:
-    """Where a map that is repaired in its place is kept as it was; None where the repair goes to another file.
+    """Path of the backup of a map that is repaired in place; None if the repair goes to another file.
 
-    Only the same name means that place: another spelling, or a link, may be a mistake, which the guard refuses.
+    Only the same name counts as in place: another spelling, or a link, may be a mistake, which the guard refuses.
     """
     target = Path(repair)
     if target != Path(columns) or not target.is_file() or target.is_symlink():
@@ -232,9 +232,9 @@ def join_command(
 
 
 def map_target(out: str, option: str = "‹out›") -> Path:
-    """Where a map is to be written. Raises `BadInput` for another kind of file, and for one that is there.
+    """The file for a map. Raises `BadInput` for another kind of file, and if the file exists.
 
-    A map that is there may have been edited, and no map is taken for one that may be replaced.
+    An existing map may have been edited, so the guard never counts a map as replaceable.
     """
     target = Path(out)
     if target.suffix.lower() != ".toml":

@@ -1,4 +1,4 @@
-"""Defaults of options from a file, so that what is always the same need not be typed.
+"""Defaults of options from a file.
 
     [fit]
     model = "single_track"
@@ -7,8 +7,8 @@
     [data.check]
     columns = "my_car.toml"
 
-A table is a command, a key is an option without its dashes. What stands on the command line counts; a switch
-that is true stays on.
+A table is a command, a key is an option without its dashes. Options on the command line take precedence, but a switch
+that is true in the file cannot be turned off.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ VARIABLE = "GREYBOX_CONFIG"
 
 
 NAMES_CODE = ("diagnoser", "own")
-"""Options that are never taken from a file: who changes into a folder does not want what is there to be run."""
+"""Options that are never read from the file: code from the working folder must not run unasked."""
 
 
 def defaults_of(ctx: click.Context) -> dict[str, Any]:
-    """Command -> defaults of its options by parameter name, for the command that is called; told on standard error.
+    """Command -> defaults of its options by parameter name, for the called command; announced on standard error.
 
     Raises
     ------
-    BadInput : the file cannot be read, or names a command, an option or a value that there is not.
+    BadInput : if the file cannot be read, or has an unknown command, an unknown option or an invalid value.
     """
     named = os.environ.get(VARIABLE)
     file = Path(named or FILE)
     if not named and not file.is_file():
         return {}
-    from ..base.toml_file import read_toml  # not for --help where there is no such file
+    from ..base.toml_file import read_toml  # not needed for --help without such a file
 
     table = read_toml(file, "file of defaults")
     for name in table:
@@ -64,7 +64,7 @@ def defaults_of(ctx: click.Context) -> dict[str, Any]:
 
 
 def command_line() -> str:
-    """The command that is being run, with what it took from the file of defaults written out."""
+    """The command being run, with defaults from the file written out."""
     ctx = click.get_current_context(silent=True)
     words = sys.argv[1:]
     if ctx is None:
@@ -78,7 +78,7 @@ def command_line() -> str:
 
 
 def _written(option: click.Option, value: Any) -> list[str]:
-    """An option and its value as they would be typed."""
+    """An option and its value as typed on a command line."""
     name = _long(option)
     if option.is_flag:
         return [name] if value else []
@@ -116,7 +116,7 @@ def _inner(group: click.Group, name: str, where: str) -> click.Command:
 
 
 def _value(ctx: click.Context, option: click.Option, value: Any, where: str) -> Any:
-    """A value as the option takes it. Raises `BadInput` where it does not."""
+    """A value as the option takes it. Raises `BadInput` if it is not valid."""
     if option.is_flag:
         if not isinstance(value, bool):
             raise BadInput(f"{where} is true or false, not {value!r:.60}.")

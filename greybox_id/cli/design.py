@@ -1,4 +1,4 @@
-"""`greybox design`: the manoeuvre to be driven next, so that parameters get precise or explanations come apart."""
+"""`greybox design`: the manoeuvre to drive next, for precise parameters or to distinguish explanations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`greybox export`: a model for a controller or simulator elsewhere."""
+"""`greybox export`: a model for a controller or simulator."""
 
 from __future__ import annotations
 

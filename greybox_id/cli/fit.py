@@ -1,4 +1,4 @@
-"""`greybox fit`: from recordings and the name of a model to a fit."""
+"""`greybox fit`: fit of a model to recordings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from .options import (
 from .output import console, end_by, print_json, progress, show
 
 TYRE = "tyre"
-"""What stands for a model here, though a rig has no vehicle."""
+"""Used as the name of a model, though data of a rig have no vehicle."""
 
 
 @command("fit", more=MODEL)
@@ -109,7 +109,7 @@ def fit(
     written, but is not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
-    from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers
+    from ..api.fitting import fit as fit_model  # not needed for --help, since it imports all models and solvers
     from ..base.files import ensure_writable
     from ..base.guard import claim
     from ..base.units import pairs
@@ -135,7 +135,7 @@ def fit(
         calibrate=calibrate,
     )
     chosen = requested(**options)
-    nominal = chosen.model()  # what is wrong with it is better said before recordings are read than after
+    nominal = chosen.model()  # report errors in it before reading recordings
     how.must_suit(nominal)
     target = claim(Path(out or nominal.name) / "fit.json", becomes=f"a fit of {nominal.name}")
     ensure_writable(target.parent, make=False)

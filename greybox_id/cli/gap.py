@@ -1,4 +1,4 @@
-"""`greybox gap`: where a simulation deviates from the vehicle, which effect causes it, how much of it closes."""
+"""`greybox gap`: where a simulation deviates from the vehicle, by which effect, and how far effects close the gap."""
 
 from __future__ import annotations
 
@@ -51,26 +51,26 @@ from .output import console, print_json, progress
 from .terminal import clean_json, tell
 
 IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
-"""Kind of file -> its name in the folder of --out."""
+"""Kind of file -> name in the folder of --out."""
 BECOMES = {
     "json": "a gap",
     "vehicle": "a vehicle file that greybox wrote",
     "picture": "a figure",
     "report": "a report",
 }
-"""Kind of file -> what the guard calls it."""
+"""Kind of file -> its name in the guard."""
 
 
 def targets_of(out: str | None, report: str | None, apply: str | None) -> list[tuple[str, Path]]:
-    """What is to be written where, as (kind, file), checked before long work.
+    """Files to write, as (kind, file), checked before the computation.
 
     Parameters
     ----------
-    out, report, apply : options of these names.
+    out, report, apply : the options.
 
     Raises
     ------
-    BadInput : a file is named wrongly, cannot be written, or is read as well.
+    BadInput : if a file has a wrong name, cannot be written, or is an input, too.
     """
     if report is not None and Path(report).suffix.lower() not in (".pdf", ".html"):
         raise BadInput(f"{report}: a report is a .pdf or a .html file; name it so with --report.")
@@ -90,11 +90,11 @@ def targets_of(out: str | None, report: str | None, apply: str | None) -> list[t
 
 
 def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str | None) -> list[tuple[str, Path]]:
-    """Targets of a model whose weights a vehicle file has no place for.
+    """Files for a model with weights, which a vehicle file cannot contain.
 
     Raises
     ------
-    BadInput : a vehicle file was asked for.
+    BadInput : if a vehicle file was requested.
     """
     if apply is not None:
         raise BadInput(f"{apply}: {no_place(model)} Omit --apply.")
@@ -103,7 +103,7 @@ def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str 
 
 def write(kind: str, target: Path, gap: GapResult, closed: Vehicle | None) -> None:
     """Write one of the files, atomically."""
-    # Reports load the typesetter: without them, and for --help, it is done without.
+    # Imported here, since --help and other outputs do not need the typesetter of reports.
     if kind == "json":
         write_atomically(target, as_text(gap, gap.made))
     elif kind == "vehicle":
@@ -120,7 +120,7 @@ def write(kind: str, target: Path, gap: GapResult, closed: Vehicle | None) -> No
 
 
 def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | None = None) -> list[str]:
-    """What is to be known of the closed vehicle, or of why there is none."""
+    """Warnings about the closed vehicle, or why there is none."""
     if closed is None:
         return [f"{IN_FOLDER['vehicle']} is not written: {no_place(gap.model)}"] if out is not None else []
     if apply is not None and not gap.applied:
@@ -129,22 +129,22 @@ def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | 
 
 
 def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed | None = None) -> str:
-    """The diagnosis and what it was made with as one JSON object, which `greybox report` reads as it does gap.json.
+    """The diagnosis and its provenance as one JSON object, which `greybox report` accepts like gap.json.
 
-    What is not a finite number becomes null.
+    Numbers that are not finite become null.
     """
     known = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
     return KIND.text(finite(plain({**known, **asdict(made), "written": [str(target) for target in written]})))
 
 
 def show(out: Console, gap: Gap) -> None:
-    """Print a diagnosis for people: doubts on the data, whether, where, which, how far, what is left."""
+    """Print a diagnosis: doubts about the data, gap, location, causes, errors, and what remains."""
     for part in parts(gap, out.width):
         out.print(part)
 
 
 def show_changed(out: Console, changed: Changed) -> None:
-    """Print what changed since other recordings, how much of the gap that is, and what did not change."""
+    """Print what changed since other recordings, share of the gap, and what did not change."""
     gap = changed.gap
     for doubt in (*gap.doubts, *changed.drift):
         out.print(led("Doubt", doubt))
@@ -181,7 +181,7 @@ def what_would_show(
     model: str | None,
     as_json: bool,
 ) -> None:
-    """Print from which size on changes would show on one more recording like those from before."""
+    """Print the smallest changes that would be detected on one more recording like those from before."""
     if recordings or not since:
         raise BadInput("--sensitivity needs recordings from before the change, named with --since, and no others.")
     simulation, stated = _simulation(vehicle, fit_file, model)
@@ -207,7 +207,7 @@ def what_would_show(
 
 
 def _within_words(item: Visible, value: float) -> str:
-    """A distance in an effect's unit; of factors in per cent."""
+    """A distance in an effect's unit, or in per cent for factors."""
     if not isfinite(value):
         return "at no size"
     unit = "%" if item.factor else pretty_unit("" if item.unit == "1" else item.unit)
@@ -215,7 +215,7 @@ def _within_words(item: Visible, value: float) -> str:
 
 
 class _Since(click.Command):
-    """A command whose --since takes every word up to the next option: AFTER.. --since BEFORE.. reads as it is said."""
+    """A command whose --since takes all words up to the next option, as in AFTER.. --since BEFORE.."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Write `--since a b` as `--since a --since b`."""
@@ -305,7 +305,7 @@ def gap(
     if not held_by_file:
         targets = without_vehicle(targets, nominal.name, apply)
     if arena is not None:
-        arena_of(arena)  # what is wrong with it is better said before the work than after
+        arena_of(arena)  # report errors in it before the computation
     with progress() as say:
         gap = diagnose(
             simulation, after, before or None, held_out=others, vehicle=stated, seed=seed,
@@ -313,7 +313,7 @@ def gap(
         )  # fmt: skip
         gap = replace(gap, made=replace(gap.made, command=command_line()))
         if arena is not None:
-            from ..api.designing import quoted  # designing loads what a diagnosis alone does without
+            from ..api.designing import quoted  # its imports are not needed for a diagnosis alone
 
             gap = quoted(gap, arena, say)
     changed = gap.change if isinstance(gap, ChangeResult) else None
@@ -337,7 +337,7 @@ def gap(
 
 
 def _simulation(vehicle: str | None, fit: str | None, model: str | None) -> tuple[Any, Vehicle | None]:
-    """The fit, model or vehicle whose simulation is diagnosed, and what is stated of the vehicle beside it."""
+    """The fit, model or vehicle whose simulation is diagnosed, and a separately stated vehicle."""
     if vehicle is None and fit is None:
         raise BadInput("Which simulation? Name the vehicle with --vehicle, or a fit with --fit.")
     stated = named_vehicle(vehicle)

@@ -1,4 +1,4 @@
-"""`greybox grid`: many structures of one model, each fitted and cross-validated."""
+"""`greybox grid`: fits and cross-validation of many structures of one model."""
 
 from __future__ import annotations
 

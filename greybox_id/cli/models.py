@@ -1,4 +1,4 @@
-"""`greybox models` and `greybox effects`: what can be fitted, and what can be added to it."""
+"""`greybox models` and `greybox effects`: descriptions of models and effects."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def _show_model(model: Model) -> None:
 
 
 def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
-    """A vehicle file of a model's numbers, each with what it means behind it."""
+    """Write a vehicle file with a model's parameters, each with its meaning as a comment."""
     numbers = [p for p in model.parameters if p.shape == () and not (p.fixed and float(p.array) == 0.0)]
     values = {
         p.name: Stated(float(p.array), None if p.prior is None else float(np.asarray(p.prior.sd))) for p in numbers

@@ -1,6 +1,6 @@
-"""Options that several commands share, and what they name: models, effects, vehicles, a fit to build on.
+"""Options that several commands share, and conversion of their values: models, effects, vehicles, a fit.
 
-`greybox completion`: a shell learns the names of commands, options, models, effects, vehicles and column maps.
+`greybox completion`: completion of commands, options, models, effects, vehicles and column maps in a shell.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 PROGRAM = "greybox"
 SHELLS = ("bash", "zsh", "fish")
 LOADED = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
-"""In zsh, what registers a completion is a function that not every set-up loads."""
+"""Loads the function of zsh that registers completions, which not every configuration loads."""
 Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
 
 
 def names(known: Collection[str] | Callable[[], Collection[str]], files: str = "") -> Complete:
-    """What completes an option that takes one of the known names, or a file of the working folder.
+    """Completion for an option that takes a known name or a file of the working folder.
 
     Parameters
     ----------
-    known : the names, or what tells them when they are wanted.
-    files : ending of files that the option takes as well, such as .toml; empty where it takes none.
+    known : the names, or a function that returns them.
+    files : suffix of files that the option also accepts, such as .toml; empty if none.
     """
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
@@ -72,7 +72,7 @@ def completion(ctx: click.Context, shell: str) -> None:
     assert of_shell is not None
     script = of_shell(ctx.find_root().command, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source()
     if shell == "zsh":
-        first, rest = script.split("\n", 1)  # "#compdef" has to stay the first line
+        first, rest = script.split("\n", 1)  # "#compdef" must remain the first line
         script = f"{first}\n\n{LOADED}\n{rest}"
     sys.stdout.write(script)
 
@@ -96,13 +96,13 @@ ABOVE_ZERO, FROM_ZERO, FROM_ONE = click.FloatRange(min=0, min_open=True), click.
 
 @dataclass(frozen=True)
 class Declared:
-    """How a parameter of a command's function is said on the command line; it stands in the place of its default.
+    """Declaration of an option or argument, used as the default of a parameter of a command's function.
 
     Attributes
     ----------
     made : name of the parameter and its type -> click's decorator.
-    is_option : or an argument.
-    before, after : options that go with it, whose values are no parameters.
+    is_option : False for an argument.
+    before, after : additional options, whose values are not parameters.
     """
 
     made: Callable[[str, Any], Decorator]
@@ -112,9 +112,9 @@ class Declared:
 
 
 def option(help: str, metavar: str | None = None, *, name: str = "", default: Any = None, **more: Any) -> Any:
-    """An option, called as its parameter unless `name` says otherwise; `more` is what click's own takes.
+    """An option named like its parameter, or `name`; `more` is passed to click.
 
-    The parameter's type says whether it is a switch, can be repeated, is a number, or which words there are.
+    The parameter's type determines whether it is a switch, can be repeated, is a number, or has fixed choices.
     """
 
     def made(parameter: str, kind: Any) -> Decorator:
@@ -130,7 +130,7 @@ def option(help: str, metavar: str | None = None, *, name: str = "", default: An
 
 
 def argument(metavar: str, **more: Any) -> Any:
-    """An argument, of which there are several if its parameter is a sequence; `more` is what click's own takes."""
+    """An argument, which can be repeated if its parameter is a sequence; `more` is passed to click."""
     return Declared(
         lambda name, kind: click.argument(name, metavar=metavar, **_of_type(kind, {"nargs": -1}) | more), False
     )
@@ -139,14 +139,14 @@ def argument(metavar: str, **more: Any) -> Any:
 def command(
     name: str, *, of: click.Group | None = None, cls: type[click.Command] | None = None, more: Sequence[Decorator] = ()
 ) -> Callable[[Callable[..., None]], click.Command]:
-    """A command of a function whose parameters are declared by their defaults.
+    """Make a command from a function whose parameters are declared by their defaults.
 
     Parameters
     ----------
-    name : what it is called.
-    of : the group that it belongs to.
-    cls : click's kind of command.
-    more : options besides, which stand behind the arguments and go to the function's `**options`.
+    name : of the command.
+    of : group of the command.
+    cls : click's class of the command.
+    more : further options, placed after the arguments and passed to the function's `**options`.
     """
 
     def decorated(function: Callable[..., None]) -> click.Command:
@@ -168,7 +168,7 @@ def command(
 
 
 def _of_type(kind: Any, several: dict[str, Any]) -> dict[str, Any]:
-    """What a parameter's type says of an option or argument."""
+    """Settings of an option or argument that follow from the type of its parameter."""
     (kind,) = (
         [item for item in get_args(kind) if item is not NoneType] if get_origin(kind) in (Union, UnionType) else [kind]
     )
@@ -182,11 +182,11 @@ def _of_type(kind: Any, several: dict[str, Any]) -> dict[str, Any]:
 
 
 MOVED = "Name the file's new path as RECORDING."
-"""What to do where a recording of a fit is not found, in commands that take it as an argument."""
+"""Advice if a recording of a fit is not found, for commands with a recording as argument."""
 VEHICLES = names(_vehicles, files=".toml")
-"""What completes the name of a vehicle."""
+"""Completion of names of vehicles."""
 PART = "part of each recording"
-"""Where a command keeps what --between and --where say, until its recordings are read."""
+"""Key under which a command stores --between and --where until recordings are read."""
 
 
 def _kept(ctx: click.Context, option: click.Parameter, value: Any) -> None:
@@ -226,18 +226,18 @@ COLUMNS: Any = replace(
         ),
     ),
 )  # fmt: skip
-"""How recordings are read: --columns, and --between and --where, which `read_part` obeys."""
+"""How recordings are read: --columns, and --between and --where, which `read_part` applies."""
 
 
 def read_part(file: str | Path, columns: str | Path | ColumnMap = "canonical") -> Recording:
-    """A recording, or that part of it for which the running command was asked with --between and --where."""
+    """A recording, restricted to the rows selected by --between and --where of the running command."""
     from ..datasets.read import read
 
     return part_asked(read(file, columns))
 
 
 def part_asked(recording: Recording) -> Recording:
-    """The part of a recording for which the running command was asked."""
+    """A recording restricted to the rows that the running command selects."""
     ctx = click.get_current_context(silent=True)
     requested = ctx.meta.get(PART, {}) if ctx is not None else {}
     between, where = requested.get("between"), requested.get("where")
@@ -250,7 +250,7 @@ JSON: Any = Declared(lambda name, annotation: json_option)
 JOBS: Any = option("Number of parallel processes (on Linux).", type=click.IntRange(min=1), default=1)
 
 WORD = re.compile(r"[A-Za-z_][\w-]*")
-"""A setting that is a name, such as that of a tyre."""
+"""A setting that is a name, such as that of a tyre model."""
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
@@ -277,11 +277,11 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
 
 
 MARK = ".py:"
-"""What tells a place in a file from a name."""
+"""Distinguishes a place in a file from a name."""
 
 
 def named_model(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    """The name of a model: that of the model in a file, which is known from now on."""
+    """The name of a model, or of the model in a file, which is registered."""
     del ctx, param
     if value is None or MARK not in value:
         return value
@@ -291,7 +291,7 @@ def named_model(ctx: click.Context, param: click.Parameter, value: str | None) -
 
 
 def named_effects(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> tuple[str, ...]:
-    """EFFECT[=VALUE] with the names of effects that are in files, which are known from now on."""
+    """EFFECT[=VALUE] with names for effects in files, which are registered."""
     del ctx, param
     result = []
     for value in values:
@@ -305,7 +305,7 @@ def named_effects(ctx: click.Context, param: click.Parameter, values: Sequence[s
 
 
 def named_effect(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
-    """The name of an effect: that of the effect in a file, which is known from now on."""
+    """The name of an effect, or of the effect in a file, which is registered."""
     return value if value is None else named_effects(ctx, param, [value])[0]
 
 
@@ -385,9 +385,9 @@ _ESTIMATED = (
 
 
 SIMULATED_MODEL = (*_MODEL, _EFFECTS, _FIX)
-"""What a model to be simulated is made of."""
+"""Options of a model to simulate."""
 MODEL = (*SIMULATED_MODEL, *_ESTIMATED)
-"""What a model to be fitted is made of."""
+"""Options of a model to fit."""
 
 
 def parameter_values(
@@ -397,8 +397,8 @@ def parameter_values(
     start: Sequence[str] = (),
     per_run: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """What is said of parameters, by the names of the arguments of `gb.fit`."""
-    from ..base.units import pairs  # not for --help
+    """Options on parameters, as arguments of `gb.fit`."""
+    from ..base.units import pairs  # not needed for --help
 
     return {
         "fix": pairs(fix, "NAME or NAME=VALUE, as in ‹fix› m=3.5kg", alone=True),
@@ -412,15 +412,15 @@ def parameter_values(
 def requested(
     name: str | None, vehicle: str | None, settings: Sequence[str], effects: Sequence[str], **of_parameters: Any
 ) -> RequestedModel:
-    """The model that these options ask for."""
-    from ..api import given  # not for --help: it loads every model
+    """The model that these options request."""
+    from ..api import given  # not needed for --help, since it imports all models
 
     chosen = given.choices(**parameter_values(**of_parameters))
     return given.requested(name, vehicle, settings_of(settings), effects, chosen)
 
 
 def fit_of(file: str | Path) -> FitResult:
-    """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
+    """The fit in a file, with a warning if its verdict is that it is not usable. Raises `BadInput`."""
     from ..api.fitting import load
     from ..fitting.fit import NOT_USABLE
 

@@ -1,4 +1,4 @@
-"""What a person sees while and after a command works, on standard error and standard output."""
+"""Output of commands for people and as JSON, on standard error and standard output."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def console() -> Console:
 
 
 def show(parts: Iterable[RenderableType]) -> None:
-    """Print what a result says; what goes to a file or a pipe is the text of its `summary()`."""
+    """Print a result; to a file or pipe, the text of its `summary()`."""
     screen = console()
     if not screen.is_terminal:
         sys.stdout.write(as_text(parts) + "\n")
@@ -84,7 +84,7 @@ def working(words: str) -> Iterator[None]:
 
 
 class _Live:
-    """What is being done, and for how long already."""
+    """The current work and its duration so far."""
 
     def __init__(self) -> None:
         self.words, self._began = "starting", time.monotonic()
@@ -94,18 +94,18 @@ class _Live:
 
 
 UNUSABLE = 3
-"""Exit code of a command that did what it was asked for, and whose fit is not usable."""
+"""Exit code of a command that succeeded, but whose fit is not usable."""
 
 
 def end_by(verdict: Verdict | None) -> None:
-    """End the command with the exit code that a verdict has."""
+    """End the command with the exit code for a verdict."""
     if verdict is not None:
-        from ..fitting.fit import NOT_USABLE  # loads all of fitting, which many commands do without
+        from ..fitting.fit import NOT_USABLE  # imports all of fitting, which many commands do not need
 
         if verdict.usability == NOT_USABLE:
             sys.exit(UNUSABLE)
 
 
 def print_json(body: Mapping[str, Any]) -> None:
-    """One JSON object on standard output; what is not a finite number becomes null."""
+    """Print one JSON object on standard output; numbers that are not finite become null."""
     sys.stdout.write(clean_json(json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False)) + "\n")

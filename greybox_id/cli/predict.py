@@ -1,4 +1,4 @@
-"""`greybox predict` and `greybox simulate`: a model meets a recording, row by row."""
+"""`greybox predict` and `greybox simulate`: predictions and simulations of a recording, row by row."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`greybox profile`: how far parameters of a fit can move while all others make up for it."""
+"""`greybox profile`: profile likelihoods of a fit's parameters."""
 
 from __future__ import annotations
 

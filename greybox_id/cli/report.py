@@ -1,4 +1,4 @@
-"""`greybox report`: what a fit, a diagnosis, a track or several fits side by side say, as PDF or HTML."""
+"""`greybox report`: a report of a fit, a diagnosis or a track, or a comparison of fits, as PDF or HTML."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def report(
 
     The recordings of a FIT are read from their former paths and must be unchanged.
     """
-    from ..api.reporting import beside, reported  # the typesetter, which --help does without
+    from ..api.reporting import beside, reported  # imports the typesetter, which --help does not need
 
     target = Path(out) if out is not None else beside(files, kind or "pdf")
     moved = {"train": train, "validate": [validate] if validate else []}

@@ -1,4 +1,4 @@
-"""`greybox sample`: draws of the posterior of a fit's parameters."""
+"""`greybox sample`: draws from the posterior of a fit's parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .options import FILE, FROM_ZERO, JSON_AND_OWN, argument, command, option
 from .output import console, print_json, progress, show
 
 INTERRUPTED = 130
-"""Exit code after Ctrl-C, as of other commands; what there is was kept."""
+"""Exit code after Ctrl-C, as in other commands; draws so far are kept."""
 
 
 @command("sample")

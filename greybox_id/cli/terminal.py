@@ -1,4 +1,4 @@
-"""What reaches a terminal: text, and no orders to it that names of files, columns or units may hold."""
+"""Output to a terminal, without control characters from names of files, columns or units."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ __all__ = ["NotTaken", "clean", "clean_json", "drop_output", "interrupts", "stre
 
 
 def clean_json(text: str) -> str:
-    """The same JSON without such characters: they are escaped."""
+    """The same JSON with control characters escaped."""
     return ORDERS.sub(lambda item: f"\\u{ord(item[0]):04x}", text)
 
 
 def tell(line: str) -> None:
-    """A line on standard error."""
+    """Print a line on standard error."""
     click.echo(clean(line), err=True)
 
 
@@ -51,10 +51,10 @@ def streams() -> Iterator[None]:
 
 @contextmanager
 def interrupts() -> Iterator[list[int]]:
-    """Record the signals that Ctrl-C sends, and raise each as `KeyboardInterrupt`.
+    """Record the signals of Ctrl-C, and raise each as `KeyboardInterrupt`.
 
-    Commands that keep partial results end as usual; the recorded signals tell that they were interrupted. Where
-    interrupts are ignored, as in the background of a shell, they stay so.
+    Commands that keep partial results end as usual; the recorded signals show that they were interrupted. If interrupts
+    are ignored, as in the background of a shell, they remain ignored.
     """
     sent: list[int] = []
 
@@ -77,7 +77,7 @@ def interrupts() -> Iterator[list[int]]:
 
 
 class NotTaken(Exception):
-    """Standard output does not take what is written to it; reason : what the system says."""
+    """Standard output cannot be written; `reason` is the system's error."""
 
     def __init__(self, reason: OSError) -> None:
         super().__init__(str(reason))
@@ -85,7 +85,7 @@ class NotTaken(Exception):
 
 
 class _Output:
-    """Standard output, whose failures are distinguished from those of other files."""
+    """Standard output with errors of its own kind, to distinguish them from those of other files."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream
@@ -107,7 +107,7 @@ class _Output:
 
 
 def drop_output() -> None:
-    """Have the interpreter's end not stumble over what standard output did not take."""
+    """Redirect standard output to nothing, so that the interpreter does not fail on it at exit."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -118,7 +118,7 @@ class _Told(logging.Handler):
 
 
 def _opened() -> None:
-    """Open closed standard streams on nothing: files opened next would take their places, and what is printed."""
+    """Open closed standard streams as null device; otherwise files opened next would take their place."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             with suppress(OSError):

@@ -1,4 +1,4 @@
-"""`greybox track`: sideslip, tyres and forces along a recording, by an EKF or UKF."""
+"""`greybox track`: sideslip, tyres and forces along a recording, estimated by an EKF or UKF."""
 
 from __future__ import annotations
 
@@ -140,7 +140,7 @@ def track(
 
 
 def _tracked(chosen: RequestedModel, fit_file: str | None) -> Fit | RequestedModel:
-    """A fit, or the model that the options ask for."""
+    """A fit, or the model that the options request."""
     if fit_file is not None:
         if chosen.name is not None or chosen.vehicle is not None:
             raise click.UsageError("--fit replaces --model and --vehicle; omit one or the other.")

@@ -1,4 +1,4 @@
-"""`greybox fit --model tyre`: a magic formula from the recordings of a tyre rig, and its tyre property file."""
+"""`greybox fit --model tyre`: a magic formula from recordings of a tyre rig, and its tyre property file."""
 
 from __future__ import annotations
 

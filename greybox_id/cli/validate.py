@@ -1,4 +1,4 @@
-"""`greybox validate`: how far a fit is from other recordings."""
+"""`greybox validate`: errors of a fit on other recordings."""
 
 from __future__ import annotations
 
