@@ -1,4 +1,4 @@
-"""What a recording cannot tell apart, known beforehand or found by simulating the other cause under its commands."""
+"""Effects that a recording cannot distinguish, known beforehand or found by simulating the other cause."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 ALWAYS_ALIKE = (("imu_mount_pitch", "accel_bias_x"), ("imu_mount_roll", "accel_bias_y"))
-"""Nothing that these vehicles record tells one from the other."""
+"""Pairs that no recording of these vehicles can distinguish."""
 ONE_CAUSE = (("steering_lag", "steering_bandwidth"),)
-"""A lag of a foreign vehicle is a servo of second order: forms of one cause, which readings may tell apart."""
+"""Forms of one cause: a lag of a foreign vehicle is a second-order servo. Readings may distinguish them."""
 
 _CONFUSABLE = (
     ("steering_delay", "steering_lag", "steering_rate_limit", "tyre_relaxation", "yaw_inertia"),
@@ -48,44 +48,44 @@ _CONFUSABLE = (
     ("yaw_rate_bias", "steering_offset", "road_bank", "accel_bias_y", "imu_mount_roll"),
     ("imu_lever_arm", "imu_mount_yaw", "velocity_lever_arm", "roll_dynamics"),
 )
-"""Effects that recordings with little excitation may not tell apart."""
+"""Effects that recordings with little excitation may not distinguish."""
 
 _GROUP = {name: group for group, names in GROUPS.items() for name in names}
 
 
 def group_of(effect: str) -> str:
-    """What an effect acts on; its own name where that is not known."""
+    """The part that an effect acts on; the effect's name if unknown."""
     return _GROUP.get(effect, effect)
 
 
 def always_alike(effect: str) -> tuple[str, ...]:
-    """Effects that no recording tells from this one, or that are another form of it."""
+    """Effects that no recording can distinguish from this one, or that are another form of it."""
     return tuple(other for pair in (*ALWAYS_ALIKE, *ONE_CAUSE) if effect in pair for other in pair if other != effect)
 
 
 def partners(effect: str) -> tuple[str, ...]:
-    """Effects that some recordings do not tell from this one."""
+    """Effects that some recordings cannot distinguish from this one."""
     result = [other for some in _CONFUSABLE if effect in some for other in some]
     return tuple(dict.fromkeys(other for other in result if other != effect and other not in always_alike(effect)))
 
 
 TELLS = 4.0
-"""Squared differences, in noise variances, from which on a recording tells two causes apart."""
+"""Least sum of squared differences, in noise variances, with which a recording distinguishes two causes."""
 HOPELESS = 400.0
-"""What a first look leaves above this, no better magnitude brings below `TELLS`."""
+"""Sum of squared differences after the first simulation above which the search for a magnitude is given up."""
 STEPS = 3
-"""Simulations in search of the partner's best magnitude."""
+"""Most simulations in the search for the partner's best magnitude."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A recording, or a part of it that may rule a cause out before all of it is looked at.
+    """A recording, or a part of it that may exclude a cause before the whole is simulated.
 
     Attributes
     ----------
     simulate : effects -> noise-free readings in noise sds; deterministic.
-    product : inner product of two changes of readings; what tolerances would take up does not count.
-    tells : squared differences, in noise variances, from which on it tells two causes apart.
+    product : inner product of two changes of readings, without the part that parameters within tolerances can explain.
+    tells : least sum of squared differences, in noise variances, with which it distinguishes two causes.
     """
 
     simulate: Callable[[Mapping[str, float]], Array]
@@ -99,10 +99,10 @@ class Cause:
 
     Attributes
     ----------
-    null : its magnitude where it is not there.
+    null : magnitude of the absent effect.
     at : deviation from null -> magnitude.
-    probe : a deviation that shows.
-    sides : "up", "down" or "both": deviations it may have.
+    probe : a deviation with a visible effect.
+    sides : "up", "down" or "both": signs of possible deviations.
     """
 
     null: float
@@ -114,17 +114,17 @@ class Cause:
 def indistinguishable(
     present: Mapping[str, float], causes: Mapping[str, Cause], views: Sequence[View], also: Sequence[str] = ()
 ) -> dict[str, tuple[str, ...]]:
-    """Effect that is there -> effects that explain the recording as well, in its place.
+    """Present effect -> effects that explain the recording as well in its place.
 
-    Those of `vocabulary.ALWAYS_ALIKE` are named without a look. For the others the readings' change is projected on
-    the partner's sensitivity, and the partner simulated where that puts it.
+    Those of `ALWAYS_ALIKE` and `ONE_CAUSE` are included without a test. For the others, the readings' change is
+    projected on the partner's sensitivity, and the partner is simulated at the magnitude that results.
 
     Parameters
     ----------
-    present : magnitudes of what is there.
-    causes : the effects that may take its place, by name.
+    present : magnitudes of the present effects.
+    causes : the effects that may take their place, by name.
     views : of the recording; a partner must explain each of them.
-    also : partners to try besides the usual ones.
+    also : partners to try in addition to the usual ones.
     """
     result = {}
     for name in present:
@@ -139,7 +139,7 @@ def indistinguishable(
 
 
 def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mapping[str, float], view: View) -> float:
-    """Squared differences that a partner at its best magnitude leaves."""
+    """Sum of squared differences that a partner at its best magnitude leaves."""
     without = view.simulate(rest)
     change = view.simulate(present) - without
     all_of_it = view.product(change, change)
@@ -148,7 +148,7 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
     for step in range(STEPS + 1):
         try:
             moved = view.simulate({**rest, partner: cause.at(tried)}) - without
-        except BadInput:  # the motion blew up
+        except BadInput:  # the simulation diverged
             return best
         value, both = view.product(moved, moved), view.product(moved, change)
         if step > 0:

@@ -1,7 +1,7 @@
-"""Real recordings altered exactly as an effect would have altered them, and how much unaltered ones scatter in that.
+"""Real recordings, altered exactly as an effect would have altered them, and scatter between unaltered ones.
 
-What the vehicle did is real, and what is withheld is known all the same: a command that acts late was given earlier, a
-sensor that reads too much has its readings scaled.
+The motion is real, and yet the fault is known: a late command was given earlier, a sensor with a scale error has scaled
+readings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Alter = Callable[[Recording, float], Mapping[str, Array]]
 
 
 def _later(recording: Recording, name: str, seconds: float) -> Array:
-    """A signal so many seconds before each row; negative: after. The ends repeat."""
+    """A signal delayed by a time in s; advanced if negative. The ends are repeated."""
     at = recording.time - seconds
     return np.asarray(np.interp(at, recording.time, recording[name]))
 
@@ -42,15 +42,15 @@ def _turned(r: Recording, x: float) -> Mapping[str, Array]:
 
 @dataclass(frozen=True)
 class Injection:
-    """How a recording is altered.
+    """An alteration of a recording.
 
     Attributes
     ----------
-    alter : recording, magnitude -> the signals that become others.
-    null, most : the magnitude at which nothing changes, and how far from it others lie at most.
-    sides : whether below the null as well.
-    needs : signals.
-    outputs : whether one of these must be an output of the model; a command is always read.
+    alter : recording, magnitude -> altered signals.
+    null, most : magnitude without alteration, and largest distance from it.
+    sides : whether magnitudes below the null are possible.
+    needs : required signals.
+    outputs : whether the required signals must be outputs of the model; commands are always inputs.
     """
 
     alter: Alter
@@ -74,7 +74,7 @@ INJECTIONS: Mapping[str, Injection] = {
     "velocity_lever_arm": Injection(lambda r, x: {"v_y": r["v_y"] + x * r["yaw_rate"]}, 0.0, 4.0, True,
                                     ("v_y", "yaw_rate")),
 }  # fmt: skip
-"""The farthest lie well within the bounds of the effects: at a bound, magnitudes are symptoms."""
+"""Alterations by effect. The largest are well within the bounds of the effects, where magnitudes are estimable."""
 
 
 def altered(recording: Recording, name: str, magnitude: float) -> Recording:
@@ -91,16 +91,16 @@ def _by_run(recording: Recording, alter: Callable[[Recording], Mapping[str, Arra
 
 
 LAGS = np.arange(-0.1, 0.4, 0.01)
-"""Of the yaw rate behind the steering, that are tried, s."""
+"""Lags of the yaw rate behind the steering that are tried, s."""
 UNDERSTEER = np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 41)])
-"""Of yaw rates over speed squared, that are tried, s^2/m^2."""
+"""Understeer coefficients that are tried, s^2/m^2."""
 
 
 def scatter_between(windows: Sequence[Recording]) -> dict[str, float]:
     """Injection -> standard deviation of its magnitude between unaltered recordings of one vehicle.
 
-    By plain regressions that no diagnosis uses: of the yaw rate on steering angle and speed, of a_y on yaw rate and
-    speed, of v_y on the yaw rate. What is common to a vehicle's recordings, its understeer, is one number for all.
+    By plain regressions that no diagnosis uses: of yaw rate on steering angle and speed, of a_y on yaw rate and speed,
+    of v_y on yaw rate. Understeer, as a property of the vehicle, is common to all recordings.
     """
     result: dict[str, Array] = {}
     if all("steer" in window for window in windows):
@@ -115,13 +115,13 @@ def scatter_between(windows: Sequence[Recording]) -> dict[str, float]:
 
 
 def _there(*signals: Array) -> tuple[Array, ...]:
-    """Rows in which all are read."""
+    """Rows in which all signals are finite."""
     whole = np.all(np.isfinite(signals), axis=0)
     return tuple(signal[whole] for signal in signals)
 
 
 def _of_steering(windows: Sequence[Recording]) -> dict[str, Array]:
-    """Lag, logarithm of gain, and offset of the yaw rate behind the steering, and what is left of it, a window each."""
+    """Lag, logarithm of gain, and offset of the yaw rate's response to steering, and mean residual, per window."""
 
     def steered(recording: Recording, lag: float) -> Array:
         return _by_run(recording, lambda run: {"steer": _later(run, "steer", lag)})["steer"]
@@ -155,7 +155,7 @@ def _of_steering(windows: Sequence[Recording]) -> dict[str, Array]:
 
 
 def _of_arm(windows: Sequence[Recording]) -> Array:
-    """Slope of v_y over the yaw rate at no speed, a window each; how it goes with speed squared is one for all."""
+    """Slope of v_y over yaw rate at zero speed, per window; its dependence on speed squared is common to all."""
     parts = [_there(window["v_y"], window["yaw_rate"], window["v_x"]) for window in windows]
     k = len(parts)
     rows = [np.zeros((len(part[0]), k + 1)) for part in parts]

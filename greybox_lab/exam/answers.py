@@ -1,4 +1,4 @@
-"""What is sealed about a case: what is really the matter with the vehicle, and what a recording can tell of it."""
+"""Sealed answers of cases: the true effects in a vehicle, and what a recording can determine about them."""
 
 from __future__ import annotations
 
@@ -17,42 +17,40 @@ from greybox_id.base.json_data import read_json, without_nan
 from .aliases import always_alike
 
 Kind = Literal["null", "single", "double", "many", "outside", "changed"]
-"""No gap; one, two, or three to six effects of the vocabulary; one outside it; a real change whose name is known, and
-whose size is read off otherwise, NaN where it cannot be."""
+"""No gap; one, two, or three to six effects of the vocabulary; one outside it; a real change of known effect, whose
+size is measured independently, or NaN."""
 
 Tier = Literal["clean", "workshop", "foreign", "many", "rough", "injected", "changed"]
-"""Exact vehicle file, nominal forms, white noise; tolerances, other forms, coloured noise, outliers; vehicles of
-foreign simulators, identified as single tracks; vehicles of either that lack many things at once; cars on springs whose
-file is off by more than it states; real recordings, altered; or a real vehicle that was changed."""
+"""Exact vehicle file, nominal model forms, white noise; tolerances, other forms, coloured noise, outliers; vehicles of
+foreign simulators, identified as single tracks; vehicles of either with many effects at once; cars with suspension
+whose file has larger errors than stated; altered real recordings; a real vehicle that was changed."""
 
 ABOVE = 4.0
-"""Standard deviations between unaltered recordings of a vehicle, from which on a fault lies above their scatter: among
-ten numbers of a hundred recordings chance puts one so far off in sixteen examinations."""
+"""Least size of a fault that counts as above the scatter between unaltered recordings of a vehicle, in standard
+deviations: by chance, one of ten numbers of a hundred recordings is that far off once in sixteen examinations."""
 
 SIZABLE = 0.1
-"""A gap that exceeds this share of the noise floor must be detected: some channel's mean square error over that of its
-noise, less one, once tolerances have taken up what they can."""
+"""Least gap that must be detected, relative to the noise: excess of some channel's mean square error over that of its
+noise, divided by the latter, after parameters were refitted within their tolerances."""
 
 
 @dataclass(frozen=True)
 class Answer:
     """The answer to one case.
 
-    Attributes
-    ----------
     case : name of its folder.
     kind, tier : see `Kind`, `Tier`.
-    effects : effect -> magnitude, small ones that are tolerated under the same name included; empty for a null.
-    nulls : effect -> the magnitude at which it is not there.
-    aliases : effect of the vocabulary -> others that nothing on this recording tells from it.
-    size : channel -> root mean square of the difference the effects make to noise-free readings, in noise sds.
-    left : the same of what stated tolerances leave of that difference.
-    scatter : effect -> standard deviation of its magnitude between recordings in which it is not there, where those of
-        the vehicle tell, relative where the effect is a factor; measured before anything is diagnosed.
-    seed : of everything random in it.
+    effects : effect -> magnitude, including a tolerated small effect of the same name; empty for a null.
+    nulls : effect -> magnitude of the absent effect.
+    aliases : effect of the vocabulary -> others that cannot be distinguished from it on this recording.
+    size : channel -> root mean square of the effects' influence on noise-free readings, in noise sds.
+    left : likewise, after parameters were refitted within their tolerances.
+    scatter : effect -> standard deviation of its magnitude between recordings without it, if the vehicle's recordings
+        determine it, relative for factors; measured before any diagnosis.
+    seed : of its random numbers.
     car : the true vehicle as plain data.
     about : rate, duration and so on, for people.
-    nature : further effects that the vehicle has by its nature, or that its file's errors amount to: to name them is
+    nature : further effects that are inherent to the vehicle or equivalent to errors of its file: naming them is
         neither right nor wrong.
     """
 
@@ -72,7 +70,7 @@ class Answer:
 
     @property
     def largest(self) -> float:
-        """Size of the gap in the channel that shows it best, in noise sds."""
+        """Size of the gap in the channel with the largest one, in noise sds."""
         return max(self.size.values(), default=0.0)
 
     @property
@@ -82,25 +80,25 @@ class Answer:
 
     @property
     def above(self) -> bool:
-        """Whether every effect lies above the scatter between recordings, as far as that is known."""
+        """Whether every effect is above the scatter between recordings, if that is known."""
         return all(self._away(name) >= ABOVE * sd for name, sd in self.scatter.items())
 
     def _away(self, name: str) -> float:
-        """How far a magnitude is from its null, relative where it is a factor."""
+        """Distance of a magnitude from its null, relative for factors."""
         size, null = self.effects[name], self.nulls[name]
         return abs(log(size / null)) if null == 1.0 else abs(size - null)
 
     def alike(self, effect: str) -> frozenset[str]:
-        """The effect and all that this recording cannot tell from it."""
+        """The effect and all effects that cannot be distinguished from it on this recording."""
         return frozenset((effect, *always_alike(effect), *self.aliases.get(effect, ())))
 
 
 def exceeds(left: Mapping[str, float]) -> bool:
-    """Whether a gap exceeds a share of the noise floor in some channel.
+    """Whether a gap exceeds a share of the noise in some channel.
 
     Parameters
     ----------
-    left : channel -> root mean square of what tolerances leave of it, in noise sds.
+    left : channel -> root mean square of the gap after refitting within tolerances, in noise sds.
     """
     return max(left.values(), default=0.0) ** 2 > SIZABLE
 
@@ -112,7 +110,7 @@ def write_answer(answer: Answer, file: Path) -> Path:
 
 
 def read_answer(file: Path) -> Answer:
-    """Read an answer. Raises `BadInput` where the file is none."""
+    """Read an answer. Raises `BadInput` if the file is not one."""
     body = read_json(file)
     try:
         return cast(Answer, of_plain(Answer, body, "answer", null=nan))

@@ -38,14 +38,14 @@ from .answers import Answer, read_answer
 from .folder import CASES, DIAGNOSIS, SEALED, case_folders, exam_of
 
 RARE = 0.02
-"""Share of vehicles without a gap that may be given a name."""
+"""Largest share of vehicles without a gap for which an effect is named."""
 DIAGNOSER = "greybox_lab.cli.exam:diagnose_case"
 SLIPS = (1.5, 2.4, 3.6)
-"""How far drives slip, over the slip at which a linear tyre would reach its peak."""
+"""Largest slip of drives, relative to the slip at which a linear tyre would reach its peak."""
 
 
 def curves() -> dict[str, Any]:
-    """Root mean square distance of the nearest magic formula of the same slope and peak, over the peak, by family."""
+    """RMS distance of the nearest magic formula with the same slope and peak, relative to the peak, by family."""
     from .foreign.double_track import TYRES, curve
     from .foreign.families import DEVELOPMENT
 
@@ -65,9 +65,9 @@ def curves() -> dict[str, Any]:
 
 
 def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
-    """What nulls gain, what causes do, and where something unnamed is as likely as not.
+    """Gains of nulls and of causes, and the model error at which an unmodelled effect has probability one half.
 
-    `cost` follows from nulls' greatest gains, whose tail is taken for exponential: one in fifty gains as much.
+    `cost` is derived from nulls' largest gains with an exponential tail: one in fifty gains as much.
     """
     read = [item for folder in folders for item in _read(folder)]
     nulls = np.array([_gain(item) for answer, item in read if answer.kind == "null"])
@@ -95,15 +95,15 @@ def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
 
 
 def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser: str) -> dict[str, Any]:
-    """How verdicts and magnitudes differ when every number of the search is halved, kept or doubled at random.
+    """Differences of verdicts and magnitudes when every number of the search is randomly halved, kept or doubled.
 
     Parameters
     ----------
-    folders : examinations, of which every case is diagnosed with each draw.
-    draws : of all numbers together.
+    folders : examinations, whose cases are all diagnosed with each draw.
+    draws : number of draws of all numbers together.
     seed : of the draws.
-    jobs : processes at a time.
-    diagnoser : "module:function", as of `exam.run`.
+    jobs : number of parallel processes.
+    diagnoser : "module:function", as in `exam.run`.
     """
     cases = [case for folder in folders for case in case_folders(exam_of(folder))]
     changes = [{}, *_drawn(draws, seed)]
@@ -144,7 +144,7 @@ def _searched() -> list[str]:
 
 
 def _drawn(draws: int, seed: int) -> list[dict[str, Any]]:
-    """Numbers of the search, halved or doubled, or by a quarter of that where they are grids."""
+    """Random changes of the search's numbers: halved or doubled, grids by a factor 2^(1/4)."""
     rng, result = np.random.default_rng(seed), []
     for _ in range(draws):
         change = dict[str, Any]()
@@ -161,7 +161,7 @@ def _drawn(draws: int, seed: int) -> list[dict[str, Any]]:
 
 
 def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[str, Any]:
-    """What is said of a case with other numbers; in a process of its own, which has read none of them yet."""
+    """Diagnosis of a case with changed numbers; runs in a process of its own, which has used none of them before."""
     from time import process_time
 
     for name, value in change.items():
@@ -181,7 +181,7 @@ def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[st
 
 
 def _differs(before: Mapping[str, Any], then: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
-    """Whether a verdict differs, up to names of one cause, and by how much of half its interval a magnitude does."""
+    """Whether the verdict differs up to indistinguishable names, and largest shift of a magnitude in half intervals."""
     names = [{min(answer.alike(name)) for name in item["applied"]} for item in (before, then)]
     same = names[0] == names[1] and before["gap"] == then["gap"]
     there = {item["effect"]: item for item in then["ranking"]}
@@ -195,7 +195,7 @@ def _differs(before: Mapping[str, Any], then: Mapping[str, Any], answer: Answer)
 
 
 def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
-    """Answers, and what was found, of the cases that were diagnosed."""
+    """Answers and diagnoses of the diagnosed cases."""
     exam = exam_of(folder)
     for file in sorted((exam / SEALED).glob("*/answer.json")):
         diagnosis = exam / CASES / file.parent.name / DIAGNOSIS
@@ -204,13 +204,13 @@ def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
 
 
 def _gain(result: Mapping[str, Any], names: frozenset[str] | None = None) -> float:
-    """The greatest gain of some effects; of all where none are named."""
+    """The largest gain of some effects, or of all if none are named."""
     ranking = (item for item in result.get("ranking", ()) if names is None or item["effect"] in names)
     return max((float(item["gain"]) for item in ranking), default=0.0)
 
 
 def _halfway(x: Array, there: Array) -> dict[str, float]:
-    """Where a logistic curve is at one half, and its slope; a weak belief keeps it finite (Gelman et al., 2008)."""
+    """Midpoint and slope of a logistic curve; a weak prior keeps them finite (Gelman et al., 2008)."""
     shift, scale = float(np.mean(x)), float(np.std(x)) or 1.0
     u = (x - shift) / scale
 
@@ -230,7 +230,7 @@ def _round(x: float) -> float:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print one part's figures."""
+    """Print the numbers of one part."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("part", choices=("curves", "thresholds", "search"))
     parser.add_argument("folders", nargs="*", type=Path, metavar="FOLDER")

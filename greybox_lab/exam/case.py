@@ -1,4 +1,4 @@
-"""One case of an examination made: draws of a vehicle and of what is withheld, until what is withheld shows."""
+"""A case of an examination: draws of a vehicle and of withheld effects, until these are detectable."""
 
 from __future__ import annotations
 
@@ -22,26 +22,27 @@ from .plan import MANY, Planned
 from .replays import Replays
 
 VISIBLE = 1.5
-"""What tolerances leave of an effect over what they leave of the error of form, in some channel, from which on it can
-be asked for."""
+"""Least ratio, in some channel, of an effect to the model error, both after refitting within tolerances, for which the
+effect may be withheld."""
 OVER_BACKGROUND = (1.15, 3.0)
-"""Of a case with many effects: error that each makes beside the others and the tolerances, over that without it, in the
-channel that shows it best, least and most. The background is noise, and the error of form where there is one."""
+"""Least and largest ratio, in cases with many effects, of the error with an effect to that without it, after refitting
+the other effects and the tolerances, in the channel with the largest ratio. Without it, noise and any model error
+remain."""
 RESIZED = 4
-"""Steps by which magnitudes come to lie there: what one effect makes depends on the others."""
+"""Iterations that adjust magnitudes to this range: the influence of one effect depends on the others."""
 AIMED = (1.3, 2.7)
-"""What is aimed at: driven anew, the vehicle moves a little differently."""
+"""Range that is aimed at: driven again, the vehicle moves slightly differently."""
 
 
 @dataclass(frozen=True)
 class MadeCase:
-    """A case as it is handed out, and what is kept back.
+    """A case with its withheld parts.
 
     Attributes
     ----------
     recording, vehicle_file : handed out.
-    held_out, answer : kept back.
-    columns : a column map, handed out where it is not the usual one: it says how commands run between rows.
+    held_out, answer : withheld.
+    columns : a column map, handed out if it is not the usual one: it states how commands are held between rows.
     """
 
     recording: Recording
@@ -60,13 +61,13 @@ class Draw(ABC):
 
     Attributes
     ----------
-    planned : what was asked for.
+    planned : plan of the case.
     stated : the vehicle that is handed out.
-    tolerances : as stated; None where what is handed out is exact.
-    drawn : magnitudes of what is withheld.
-    effects : those, and what goes with them.
+    tolerances : as stated; None if the vehicle that is handed out is exact.
+    drawn : magnitudes of the withheld effects.
+    effects : those, and effects that accompany them.
     recording : handed out.
-    again : drives it again.
+    again : simulates the recording again.
     known : entries of the vocabulary that the vehicle may have.
     outside : entries outside the vocabulary.
     nature : see `answers.Answer`.
@@ -89,12 +90,12 @@ class Draw(ABC):
 
     @property
     def fair(self) -> bool:
-        """Whether it can be asked for: what is withheld shows, and what is unknown looks like nothing that is known."""
+        """Whether withheld effects are detectable, and one outside the vocabulary resembles none in it."""
         return self.shows and not (self.planned.kind == "outside" and any(self.aliases.values()))
 
     def resize(self) -> None:
-        """Change magnitudes of many effects until each shows beside the others, and none drowns them; what does not
-        show however large it is, as the others stand for it, is left out.
+        """Adjust magnitudes of many effects until each is detectable given the others, and none dominates; an effect
+        that is not detectable at any size, since the others replace it, is dropped.
         """
         least, most = np.log(AIMED)
         aims = dict(zip(self.drawn, np.exp(self.rng.uniform(least, most, len(self.drawn))), strict=True))
@@ -116,7 +117,7 @@ class Draw(ABC):
 
     @property
     def over_background(self) -> dict[str, float]:
-        """Effect -> error with it over that without, see `OVER_BACKGROUND`."""
+        """Effect -> ratio of the error with it to that without it, see `OVER_BACKGROUND`."""
         again = self.again
         full = again.readings(self.effects)
         parts = {name: full - again.readings({k: v for k, v in self.effects.items() if k != name})
@@ -131,13 +132,13 @@ class Draw(ABC):
 
     @cached_property
     def shows(self) -> bool:
-        """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
+        """Whether each effect, given the others, makes a gap that must be detected and is not hidden by model error."""
         if self.planned.kind == "many":
             least, most = OVER_BACKGROUND
             return all(least <= item <= most for item in self.over_background.values())
         rests = [{other: effect for other, effect in self.effects.items() if other != name} for name in self.drawn]
         if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
-            return False  # before every tolerance is driven, which takes far longer
+            return False  # avoids the simulations of all tolerances, which take far longer
         if not rests or self.again.form is None:
             return all(exceeds(self.again.left(self.effects, rest)) for rest in rests)
         hidden = self.again.beside_tolerances(self.again.form)
@@ -146,7 +147,7 @@ class Draw(ABC):
 
     @cached_property
     def aliases(self) -> dict[str, tuple[str, ...]]:
-        """What the recording cannot tell apart."""
+        """Effects that the recording cannot distinguish."""
         if not self.drawn:
             return {}
         car = self.sized
@@ -160,7 +161,7 @@ class Draw(ABC):
 
     @property
     def sized(self) -> VirtualCar:
-        """The vehicle by whose size effects are large or small."""
+        """The vehicle that determines typical sizes of effects."""
         return self.stated
 
     @abstractmethod
@@ -171,7 +172,7 @@ class Draw(ABC):
         self, held_out: Recording, withheld: Mapping[str, float], car: dict[str, Any], about: dict[str, Any],
         more: dict[str, Any], columns: str = "",
     ) -> MadeCase:  # fmt: skip
-        """The case with an answer of these effects, as truth has them; `about` and `more` are for people."""
+        """The case with an answer of these true effects; `about` and `more` are for people."""
         answer = Answer(
             case=self.planned.case,
             kind=self.planned.kind,
@@ -190,21 +191,21 @@ class Draw(ABC):
 
 
 LATER = 5
-"""Times as many draws where none could be driven: a foreign vehicle of each class, and once more of the first. A single
-track describes about one in twenty trucks on springs."""
+"""Factor on the number of attempts if none could be driven: one foreign vehicle of each class, and the first class
+again. A single track describes about one in twenty trucks with suspension."""
 
 
 def fair_case(draw: Callable[[int], Draw], attempts: int, words: str) -> MadeCase:
-    """The first fair draw; the last one that can be driven where none is, or the first of later ones that can.
+    """The first fair draw; if none is, the last one that can be driven, or the first such one of further attempts.
 
     Parameters
     ----------
     draw : number of the attempt -> a draw.
-    words : what is drawn, for people.
+    words : what is drawn, for messages.
 
     Raises
     ------
-    BadInput : none can be simulated, or the simulator is not installed.
+    BadInput : if none can be simulated, or the simulator is not installed.
     """
     last: Draw | None = None
     for attempt in range(LATER * attempts):
@@ -216,7 +217,7 @@ def fair_case(draw: Callable[[int], Draw], attempts: int, words: str) -> MadeCas
                 return one.made()
         except NotInstalled:
             raise
-        except BadInput:  # beyond all bounds
+        except BadInput:  # the simulation diverged
             continue
         last = one
     if last is not None:
@@ -226,7 +227,7 @@ def fair_case(draw: Callable[[int], Draw], attempts: int, words: str) -> MadeCas
 
 
 def with_lateral_velocity(car: VirtualCar, effects: Iterable[str]) -> VirtualCar:
-    """A vehicle whose lateral velocity is measured where an effect acts on that reading alone."""
+    """A vehicle with measured lateral velocity if an effect acts on that reading only."""
     if "velocity_lever_arm" not in effects or car.measures_v_y:
         return car
     return replace(car, noise={**car.noise, "v_y": car.noise["v_x"]})

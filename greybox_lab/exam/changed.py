@@ -1,12 +1,12 @@
 """Tier changed: recordings of a 1:10 car whose changes are known (DART, Lyons et al.), as cases of what changed since.
 
-changed: tyres taped, on a throttle ramp and drifting, and a slippery floor: grip must be first. How much is lost is
-read off saturated lateral acceleration, its 95th percentile over that before; of the ramps at like steering.
+changed: taped tyres, on a throttle ramp and drifting, and a slippery floor: grip must be first. The loss is measured by
+saturated lateral acceleration, its 95th percentile relative to that before; for ramps, at similar steering.
 
 unchanged: recordings of the same condition, some of them months apart: nothing may be named.
 
-injected: the steering command given 80 ms earlier, 20 mrad less or at a ninth more, and the yaw rate times 1.05,
-exactly and in both recordings from after; five pairs each.
+injected: the steering command advanced by 80 ms, reduced by 20 mrad or increased by a ninth, and the yaw rate times
+1.05, exactly and in both recordings from after; five pairs each.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FAULTS = {
     "yaw_rate": ("yaw_rate_scale", 1.05),
 }  # fmt: skip
 SATURATED = 95.0
-"""Percentile of |a_y| that is taken for saturated."""
+"""Percentile of |a_y| that counts as saturated."""
 SIGNALS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "steer", "throttle")
 
 
@@ -45,9 +45,9 @@ class KnownChange:
     Attributes
     ----------
     before, after, held_out : recordings.
-    grip : whether it is lost; it is the same else.
-    like : recordings from before, driven alike, to which saturated lateral acceleration is compared.
-    fault : of `FAULTS`, injected into both from after; "" for none.
+    grip : whether grip was lost; otherwise nothing changed.
+    like : recordings from before with similar driving, for comparison of saturated lateral acceleration.
+    fault : of `FAULTS`, injected into both recordings from after; "" for none.
     """
 
     before: tuple[str, ...]
@@ -59,7 +59,7 @@ class KnownChange:
 
     @property
     def recordings(self) -> frozenset[str]:
-        """All that are compared."""
+        """All recordings that are compared."""
         return frozenset((*self.before, self.after, *((self.held_out,) if self.held_out else ())))
 
 
@@ -104,8 +104,8 @@ DEVELOPMENT: Mapping[str, KnownChange] = {
         (("ramp_1529", "ramp_1615_neg02"), "free_1012", "free_1027"),
     ))
 }  # fmt: skip
-"""Without a change, and none of `CASES`: what a change must gain was chosen on them. They are of the same recordings:
-there are no others."""
+"""Cases without a change, and none of `CASES`, on which the least gain of a change was chosen. They use the same
+recordings, since there are no others."""
 EVERY = {**CASES, **DEVELOPMENT}
 SETS: Mapping[str, tuple[str, ...]] = {"examination": tuple(CASES), "development": tuple(DEVELOPMENT)}
 
@@ -115,16 +115,16 @@ def make_changed(folder: Path, data: Path, seed: int, target: Sequence[str], job
 
     Parameters
     ----------
-    folder : to be made, or empty, or left unfinished by the same request.
+    folder : new, empty, or unfinished from the same request.
     data : folder with a folder dart of recordings.
-    seed : puts cases in order; nothing else is drawn.
-    target : cases, or sets of them; none are those of the set "examination".
-    jobs : processes at a time.
-    say : told of progress.
+    seed : of the order of cases; nothing else is random.
+    target : cases, or sets of them; by default the set "examination".
+    jobs : number of parallel processes.
+    say : called with progress.
 
     Raises
     ------
-    BadInput : a recording is missing, or the folder holds something else.
+    BadInput : if a recording is missing, or the folder contains something else.
     """
     names = tuple(dict.fromkeys(name for item in target or ("examination",) for name in SETS.get(item, (item,))))
     for name in names:

@@ -1,7 +1,7 @@
-"""Where a candidate sits: a process that is handed one case after the other, and replaced when it is lost.
+"""Worker process of a candidate, which diagnoses one case after the other and is replaced if it is lost.
 
-It hears the folder of a case and says what came of it; importing and compiling are done once. It may open nothing of an
-examination but the case that it was handed.
+It receives the folder of a case and returns the outcome; importing and compiling happen once. Within the examination it
+may open nothing but the case that it received.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from greybox_id.base.contained.process import TIME, Broken, Contained, Failed, L
 from greybox_id.base.errors import BadInput, GreyboxError
 
 LOOKS = ("open", "os.listdir", "os.scandir", "os.chdir", "os.rename", "os.link", "os.symlink", "shutil.copyfile")
-"""Audit events whose arguments are paths that are read or may be read afterwards."""
+"""Audit events whose arguments are paths that are read, or may be read afterwards."""
 
 
 class Peeked(BaseException):
-    """Something of the examination was opened that was not handed out; no handler of ordinary errors holds it up."""
+    """A withheld file of the examination was opened; not an `Exception`, so that no ordinary handler catches it."""
 
 
 class Confinement:
-    """What a process may open of an examination; once laid on it cannot be taken off.
+    """Restricts what a process may open of an examination; it cannot be removed.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Confinement:
 
     Attributes
     ----------
-    peeked : sentence on the first thing that was refused; "" as long as nothing was.
+    peeked : message on the first refused access; "" if there was none.
     """
 
     def __init__(self, exam: Path) -> None:
@@ -49,7 +49,7 @@ class Confinement:
         sys.addaudithook(self._hook)
 
     def hand_out(self, case: Path) -> None:
-        """Allow one case, instead of the one before."""
+        """Allow one case instead of the previous one."""
         self._case = os.path.realpath(case)
 
     def _hook(self, event: str, arguments: tuple[Any, ...]) -> None:
@@ -74,33 +74,33 @@ def _within(path: str, folder: str) -> bool:
 
 
 DONE, FAILED, PEEKED = "done", "failed", "peeked"
-"""What came of a case: (DONE, diagnosis); (FAILED or PEEKED, sentence)."""
+"""Outcome of a case: (DONE, diagnosis); (FAILED or PEEKED, message)."""
 
 Diagnose = Callable[[Path], dict[str, Any]]
-"""Folder of a case -> diagnosis as plain data; it may leave closed.toml in the folder."""
+"""Folder of a case -> diagnosis as plain data; may write closed.toml to the folder."""
 
 
 class ExamCandidate:
-    """Who is examined, in a process of its own.
+    """The examined diagnosis, in a process of its own.
 
     Parameters
     ----------
     diagnoser : "module:function" of type `Diagnose`.
-    exam : folder of the examination, of which nothing but the case at hand may be opened.
+    exam : folder of the examination, of which only the current case may be opened.
     """
 
     def __init__(self, diagnoser: str, exam: str) -> None:
-        os.chdir("/")  # the working directory may lie in the examination
-        threadpool_limits(1)  # a core each
+        os.chdir("/")  # the working directory may be in the examination
+        threadpool_limits(1)  # one core per candidate
         self._confinement = Confinement(Path(exam))
         self._diagnose: Diagnose = located(diagnoser)
 
     def ready(self) -> bool:
-        """It waits for a case."""
+        """Return once the candidate is ready for a case."""
         return True
 
     def diagnose(self, case: str) -> tuple[str, Any]:
-        """What came of a case."""
+        """Outcome of a case."""
         self._confinement.hand_out(Path(case))
         result = _diagnosed(self._diagnose, Path(case))
         return (PEEKED, self._confinement.peeked) if self._confinement.peeked else result
@@ -126,23 +126,23 @@ def _cost(body: dict[str, Any], began: float, cpu: float) -> dict[str, Any]:
 
 
 def cpu_seconds() -> float:
-    """CPU time of this process and of those it has waited for, such as a compiler, s."""
+    """CPU time of this process and of finished child processes, such as a compiler, s."""
     spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(item.ru_utime + item.ru_stime for item in spent)
 
 
 STARTING = 300.0
-"""Longest that a worker may take to import, s."""
+"""Longest time for a worker to import, s."""
 
 
 class Desk:
-    """One candidate at a time.
+    """Runs one candidate at a time.
 
     Parameters
     ----------
     diagnoser : "module:function" of type `Diagnose`.
     exam : folder of the examination.
-    stop : set, before `leave` is called, when nothing more is wanted.
+    stop : set before `leave` is called to end the run.
     """
 
     def __init__(self, diagnoser: str, exam: Path, stop: Event) -> None:
@@ -150,11 +150,11 @@ class Desk:
         self._candidate: Contained | None = None
 
     def diagnose(self, case: Path, timeout: float) -> tuple[str, Any]:
-        """What the candidate says of a case; a sentence where it is lost or takes too long.
+        """The candidate's outcome for a case; a message if it is lost or takes too long.
 
         Raises
         ------
-        BadInput : no candidate can be had.
+        BadInput : if no candidate starts.
         """
         candidate = self._seated()
         try:
@@ -169,20 +169,20 @@ class Desk:
         return kind, body
 
     def leave(self) -> None:
-        """End the candidate's process; from any thread."""
+        """End the candidate's process; may be called from any thread."""
         candidate, self._candidate = self._candidate, None
         if candidate is not None:
             candidate.close()
 
     def _seated(self) -> Contained:
-        """A candidate that waits for a case."""
+        """A candidate that is ready for a case."""
         if self._candidate is not None:
             return self._candidate
         try:
             self._candidate = candidate = Contained(
                 "greybox_lab.exam.desk:ExamCandidate", self._diagnoser, str(self._exam), heard=True
             )
-            if self._stop.is_set():  # meanwhile
+            if self._stop.is_set():  # during its start
                 self.leave()
             candidate.ask("ready", patience=STARTING)
         except (Broken, Failed, Lost) as error:
@@ -192,5 +192,5 @@ class Desk:
 
 
 def _lost(sentence: str, spent: float | None) -> dict[str, Any]:
-    """What stands in place of a diagnosis; a candidate that had to be stopped has spent all its time."""
+    """Replaces a diagnosis; a candidate that was stopped has used all its time."""
     return {"error": sentence, "cost": {"cpu_s": spent, "wall_s": spent}}

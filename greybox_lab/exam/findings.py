@@ -1,4 +1,4 @@
-"""One case's answer beside its diagnosis: what was right and what was wrong."""
+"""Comparison of one case's answer with its diagnosis."""
 
 from __future__ import annotations
 
@@ -16,28 +16,29 @@ from greybox_id.base.errors import BadInput
 from .answers import Answer
 
 UNKNOWN = 0.5
-"""A diagnosis whose unknown probability is above this says that the cause is unknown."""
+"""Unknown probability above which a diagnosis counts as saying that the cause is unknown."""
 NAMED = 0.5
-"""A probability from which on an effect is named."""
+"""Least probability with which an effect counts as named."""
 IN_A_CLASS = 0.05
-"""Probability from which on a member of a class of causes, stated as what is applied, counts as named with it."""
+"""Least probability with which a member of the applied effect's class of causes counts as named with it."""
 LIBRARY = ("single", "double", "many")
-"""Kinds of cases whose effects are all of the vocabulary."""
+"""Kinds of cases whose effects are all in the vocabulary."""
 SCATTERING = ("timestamp_jitter", "dropped_samples")
-"""Effects that scatter readings: there is nothing of them that a simulation could add, so that to name them is all."""
+"""Effects that only scatter readings: they cannot be simulated and applied, so naming them is sufficient."""
 NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
 
 
 @dataclass(frozen=True)
 class Size:
-    """A magnitude beside the true one.
+    """A magnitude compared with the true one.
 
     Attributes
     ----------
     effect : name.
-    error : distance from the truth over the truth's from its null; over the truth where that null is infinite.
+    error : distance from the truth, relative to the truth's distance from its null, or to the truth if that is
+        infinite.
     off : distance from the truth.
-    covered : whether the truth lies in the stated interval.
+    covered : whether the interval contains the truth.
     """
 
     effect: str
@@ -48,31 +49,30 @@ class Size:
 
 @dataclass(frozen=True)
 class ExamFinding:
-    """What came of one case. What a diagnosis that ended in an error could get wrong, it got wrong.
+    """Evaluation of one case. A diagnosis that ended in an error counts as wrong in every respect.
 
     Attributes
     ----------
     answer : the truth.
-    error : sentence of a diagnosis that ended in one; "" else.
-    detected : whether a gap was named; for nulls an error is a false alarm.
-    unknown : whether it said that the cause is unknown.
-    unknown_probability : that it stated.
-    choices : effect -> probability, as ranked; none where no gap was named.
-    first, first_strictly : the first choice is right, up to what cannot be distinguished, and by name.
-    among_three : every effect that is there stands among the first three, up to what cannot be distinguished.
-    sizes : of effects that are there and rank as high as there are effects, by name.
-    applied : names that were applied, or named where nothing can be, see `SCATTERING`.
-    beside : of these, the ones that are not there, up to what cannot be distinguished; of a case outside the
-        vocabulary, also any that was given a probability of one half.
-    applied_right : how many of the effects that are there were applied, each by a name of its own.
-    classes : probability of every class of causes that was stated, and whether it holds one that is there.
-    misplaced : share of the excess error that the budget gives to names that are not there; NaN without a budget.
-    told : probability of every effect that was ranked, and whether it is there.
-    claimed, verified : how far the gap closes, by its own account and on the recording that was held out; NaN where
-        nothing was applied.
-    of_truth : how far it closes on that recording over how far the effects that are there close it, at their true
-        magnitudes; zero where nothing was applied, NaN where it is not known.
-    cpu : CPU seconds; NaN where they are not known.
+    error : message of a diagnosis that ended in an error; otherwise "".
+    detected : whether a gap was detected; for nulls, an error counts as a false alarm.
+    unknown : whether the diagnosis says that the cause is unknown.
+    unknown_probability : stated probability of that.
+    choices : effect -> probability, as ranked; empty if no gap was detected.
+    first, first_strictly : whether the first choice is right, up to indistinguishable effects, and by name.
+    among_three : whether all present effects are among the first three, up to indistinguishable ones.
+    sizes : of present effects that rank within the number of present effects, by name.
+    applied : names that were applied, or named if they cannot be applied, see `SCATTERING`.
+    beside : those of them that are absent, up to indistinguishable ones; for a case outside the vocabulary, also any
+        with a probability of at least one half.
+    applied_right : number of present effects that were applied, each under a different name.
+    classes : probability of each stated class of causes, and whether it contains a present effect.
+    misplaced : share of the excess error that the budget gives to absent effects; NaN without a budget.
+    told : probability of each ranked effect, and whether it is present.
+    claimed, verified : closed share of the gap as stated, and on the held-out recording; NaN if nothing was applied.
+    of_truth : closed share on that recording relative to that of the present effects at their true magnitudes; zero if
+        nothing was applied, NaN if unknown.
+    cpu : CPU seconds; NaN if unknown.
     """
 
     answer: Answer
@@ -98,12 +98,12 @@ class ExamFinding:
 
     @property
     def right(self) -> bool:
-        """Whether what is there was applied and nothing else, up to what cannot be distinguished."""
+        """Whether exactly the present effects were applied, up to indistinguishable ones."""
         return bool(self.applied) and not self.beside and self.applied_right == len(self.answer.effects)
 
     @property
     def wrong(self) -> str:
-        """What was wrong, in a word; "" where nothing was."""
+        """The mistake in a few words; "" if there was none."""
         if self.error:
             return "error"
         kind = self.answer.kind
@@ -121,16 +121,17 @@ class ExamFinding:
 
 
 def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan, by_truth: float = nan) -> ExamFinding:
-    """Join an answer and a diagnosis.
+    """Compare an answer with a diagnosis.
 
     Parameters
     ----------
     answer, diagnosis : of one case.
-    verified, by_truth : how far the gap closes on what was held out, with what was applied and with what is there.
+    verified, by_truth : closed share of the gap on the held-out recording, with the applied and with the present
+        effects.
 
     Raises
     ------
-    BadInput : the diagnosis lacks what it must say.
+    BadInput : if the diagnosis lacks a required entry.
     """
     cpu = (diagnosis.get("cost") or {}).get("cpu_s")
     cpu = nan if cpu is None else float(cpu)
@@ -187,13 +188,13 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
 
 
 def _stood_by(diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Names that were applied, and those named of which nothing can be."""
+    """Names that were applied, and those named that cannot be applied."""
     named = [str(item["effect"]) for item in ranking if item["effect"] in SCATTERING and item["probability"] >= NAMED]
     return tuple(dict.fromkeys([*map(str, diagnosis["applied"]), *named]))
 
 
 def _stands_for(diagnosis: Mapping[str, Any]) -> dict[str, set[str]]:
-    """Applied name -> itself, and the likely members of the class of causes of which it is the one applied."""
+    """Applied name -> itself and the likely members of its class of causes."""
     result = {str(name): {str(name)} for name in diagnosis["applied"]}
     for item in diagnosis.get("classes") or ():
         if item.get("applied") in result:
@@ -203,7 +204,7 @@ def _stands_for(diagnosis: Mapping[str, Any]) -> dict[str, set[str]]:
 
 
 def _matched(answer: Answer, names: Sequence[str], stands_for: Mapping[str, set[str]]) -> int:
-    """How many effects are named, each by a name of its own, up to what cannot be distinguished."""
+    """Number of present effects that are named, each under a different name, up to indistinguishable ones."""
     if not names or not answer.effects:
         return 0
     fits = [[bool(answer.alike(effect) & (stands_for.get(name) or {name})) for name in names]
@@ -212,7 +213,7 @@ def _matched(answer: Answer, names: Sequence[str], stands_for: Mapping[str, set[
 
 
 def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    """Names that the diagnosis stands by and that are not there."""
+    """Applied or named effects that are absent."""
     given = [*_stood_by(diagnosis, ranking)]
     if answer.kind == "outside":
         given += [str(item["effect"]) for item in ranking if float(item["probability"]) >= NAMED]
@@ -221,19 +222,19 @@ def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapp
 
 
 def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
-    """Share of the excess that a budget gives to names that are not there; NaN where there is no budget."""
+    """Share of the excess that a budget gives to absent effects; NaN if there is no budget."""
     shares = {str(item["effect"]): float(item["share"]) for item in budget if item.get("effect") and item.get("share")}
     right = _right(answer)
     return sum(abs(share) for name, share in shares.items() if name not in right) if budget else nan
 
 
 def _right(answer: Answer) -> set[str]:
-    """Names that are right for something that is there, by what was done to the vehicle or by its nature."""
+    """Names that are right for a present effect, whether injected or inherent to the vehicle."""
     return {name for effect in (*answer.effects, *answer.nature) for name in answer.alike(effect)}
 
 
 def _size(answer: Answer, ranked: Mapping[str, Any], scatter: Mapping[str, Any]) -> Size:
-    """Of what changed, how far from where it was before."""
+    """Magnitude compared with the truth; for a change, relative to the mean before it."""
     name = str(ranked["effect"])
     true, null = answer.effects[name], answer.nulls[name]
     before = scatter[name]["mean"] if name in scatter else null

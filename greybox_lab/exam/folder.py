@@ -1,9 +1,9 @@
-"""Where things lie in an examination.
+"""Layout of an examination's folder.
 
-DIR/cases/<id>/recording.csv, vehicle.toml, ...  what the candidate is given; nothing else is shown to it
-               diagnosis.json, closed.toml       what it answers
+DIR/cases/<id>/recording.csv, vehicle.toml, ...  given to the candidate, and nothing else
+               diagnosis.json, closed.toml       its answer
 DIR/sealed/exam.json, seal.json, <id>/answer.json, held_out.csv
-DIR/score.json                                   once the answers have been opened
+DIR/score.json                                   written when the answers are opened
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ CASES, SEALED = "cases", "sealed"
 COLUMNS = "columns.toml"
 AFTER, BEFORE = "after.csv", "before_*.csv"
 GIVEN = ("recording.csv", "vehicle.toml", COLUMNS, AFTER, BEFORE)
-"""Files of a case that are handed out; the last three only where they are needed: how the recording is to be read, and
-where it is asked what changed, a second recording from after and all from before."""
+"""Files of a case that are handed out; the last three only if needed: the column map and, for cases of what changed, a
+second recording from after and all from before."""
 UNFINISHED = "unfinished.json"
-"""What was asked for, beside the answers until all cases are made; not under the seal."""
+"""The request, stored with the answers until all cases are made; not sealed."""
 TAKEN = "taken"
-"""Folder of locks, one for each case that a run is at."""
+"""Folder of locks, one per case that a run is diagnosing."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"
 
 
 def exam_of(cases: Path) -> Path:
-    """The examination that a folder of cases, or the examination's own folder, belongs to; as an absolute path."""
+    """Absolute path of the examination to which a folder of cases, or the folder itself, belongs."""
     folder = cases.resolve()
     folder = folder if (folder / CASES).is_dir() else folder.parent
     if not (folder / CASES).is_dir():
@@ -50,7 +50,7 @@ SEAL = "seal.json"
 
 
 def seal(exam: Path) -> str:
-    """Write the seal of an examination and return its sum, 64 hexadecimal digits; keep that elsewhere."""
+    """Write the seal of an examination and return its checksum, 64 hexadecimal digits, to be kept elsewhere."""
     hashes = _hashes(exam)
     body = {"sum": _sum(hashes), "files": hashes}
     write_atomically(exam / SEALED / SEAL, json.dumps(body, indent=1) + "\n")
@@ -58,16 +58,16 @@ def seal(exam: Path) -> str:
 
 
 def unbroken(exam: Path, noted: str = "") -> str:
-    """Check that nothing has changed since the examination was made; return the seal's sum.
+    """Check that nothing has changed since the examination was made; return the seal's checksum.
 
     Parameters
     ----------
     exam : folder of the examination.
-    noted : the sum as noted when it was made; only this tells whether the seal itself was replaced.
+    noted : the checksum as noted when it was made, which alone shows whether the seal itself was replaced.
 
     Raises
     ------
-    BadInput : there is no seal, or a file was changed, added or removed: names it.
+    BadInput : if there is no seal, or a file was changed, added or removed, which is then named.
     """
     file = exam / SEALED / SEAL
     if not file.is_file():
@@ -87,7 +87,7 @@ def unbroken(exam: Path, noted: str = "") -> str:
 
 
 def _hashes(exam: Path) -> dict[str, str]:
-    """Relative path -> hash, of what is kept back and what was handed out."""
+    """Relative path -> hash, of withheld files and files that were handed out."""
     aside = (exam / SEALED / SEAL, exam / SEALED / UNFINISHED)
     kept = [path for path in (exam / SEALED).rglob("*") if path.is_file() and path not in aside]
     given = [path for name in GIVEN for path in (exam / CASES).glob(f"*/{name}")]

@@ -1,7 +1,8 @@
-"""Tier injected: stretches of real recordings altered exactly, each beside itself unaltered, and what was before both.
+"""Tier injected: exactly altered stretches of real recordings, the same stretches unaltered, and recordings from
+before.
 
-The question is what changed since. How large a fault is beside the scatter between unaltered stretches of that vehicle
-is measured by plain regressions (`altering.scatter_between`) before anything is diagnosed, and sealed.
+The question is what changed since. The size of a fault relative to the scatter between unaltered stretches of that
+vehicle is measured by plain regressions (`altering.scatter_between`) before any diagnosis, and sealed.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from .make import Exam, make_cases
 from .real import ChangedCase, lacking, shuffled
 
 Stretch = tuple[str, float, float]
-"""A file below the folder of data, and the shares of its rows where the stretch begins and ends."""
+"""A file in the data folder, and start and end of the stretch as shares of its rows."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +36,10 @@ class InjectedSource:
 
     Attributes
     ----------
-    columns, vehicle, model : column map, shipped vehicle, and model in place of its own; "" for its own.
-    seconds, rate : length of a recording of a case, about, and rows a second that are kept of it.
-    before, after : where those from before and from after are taken from.
-    derived : signals that are made of others: no sensor of their own can be at fault.
+    columns, vehicle, model : column map, shipped vehicle, and model instead of its own; "" for its own.
+    seconds, rate : approximate length of a case's recording, and rows per second after thinning.
+    before, after : stretches for recordings from before and from after.
+    derived : signals computed from others: they have no sensor that could be faulty.
     """
 
     columns: str
@@ -52,7 +53,7 @@ class InjectedSource:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """All of its files."""
+        """All its files."""
         return tuple(dict.fromkeys(name for name, _, _ in (*self.before, *self.after)))
 
 
@@ -76,21 +77,21 @@ SOURCES: Mapping[str, InjectedSource] = {
     "ferrari": InjectedSource("revs_250lm", "ferrari_250lm", "lateral", 30.0, 50.0, ((_LAP, 0.0, 0.5),),
                               ((_LAP, 0.5, 1.0),)),
 }  # fmt: skip
-"""Some for development, others for examination: what is diagnosed there is no recording of the former."""
+"""Sources for development and for examination; recordings diagnosed in an examination are not used in development."""
 DEVELOPMENT = ("dart_free", "roboracer_train", "truck_train", "ferrari_first")
 EXAMINATION = ("dart_laps", "roboracer", "truck", "ferrari")
 SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION}
 
 LEAST, MOST = 3.0, 8.0
-"""Of a fault, in scatters: those below `answers.ABOVE` are there to be passed over, or named rightly."""
+"""Range of a fault in scatters; faults below `answers.ABOVE` should be passed over, or named correctly."""
 LEAST_SPEED = 0.15
-"""Share of a vehicle's highest speed that a recording's mean must exceed: at rest nothing shows."""
+"""Least mean speed of a recording, relative to the vehicle's highest: at rest, nothing is detectable."""
 RUNS = 3
-"""Recordings from before."""
+"""Number of recordings from before."""
 
 
 def sources(target: Sequence[str]) -> tuple[str, ...]:
-    """Names of sources, sets taken apart; none are those of the set "examination"."""
+    """Names of sources, with sets expanded; by default those of the set "examination"."""
     result = [name for item in target or ("examination",) for name in SETS.get(item, (item,))]
     for name in result:
         if name not in SOURCES:
@@ -101,21 +102,21 @@ def sources(target: Sequence[str]) -> tuple[str, ...]:
 def make_injected(
     folder: Path, data: Path, seed: int, singles: int, target: Sequence[str], jobs: int, say: Say
 ) -> Exam:
-    """Cases of altered real recordings, and the same recordings unaltered.
+    """Make cases of altered real recordings, and of the same recordings unaltered.
 
     Parameters
     ----------
-    folder : to be made, or empty, or left unfinished by the same request.
+    folder : new, empty, or unfinished from the same request.
     data : folder with the folders of recordings.
-    seed : draws recordings, effects and magnitudes.
-    singles : how many altered ones; there are as many nulls.
-    target : sources, or sets of them; none are those of the set "examination".
-    jobs : processes at a time.
-    say : told of progress.
+    seed : of recordings, effects and magnitudes.
+    singles : number of altered ones; there are as many nulls.
+    target : sources, or sets of them; by default the set "examination".
+    jobs : number of parallel processes.
+    say : called with progress.
 
     Raises
     ------
-    BadInput : a recording is missing, or the folder holds something else.
+    BadInput : if a recording is missing, or the folder contains something else.
     """
     if singles < 1:
         raise BadInput("An examination needs at least one case; ask for some with ‹singles›.")
@@ -138,13 +139,13 @@ def make_injected(
 
 @dataclass(frozen=True)
 class Pool:
-    """Recordings that cases are drawn from.
+    """Recordings from which cases are drawn.
 
     Attributes
     ----------
     name : of the source.
-    before, after : of either.
-    scatter : injection that its signals allow -> standard deviation between all of them.
+    before, after : recordings.
+    scatter : injection that the signals allow -> standard deviation between all recordings.
     """
 
     name: str
@@ -154,7 +155,7 @@ class Pool:
 
     @classmethod
     def of(cls, name: str, data: Path) -> Pool:
-        """Read a source and cut it into recordings."""
+        """Read a source and divide it into recordings."""
         value = SOURCES[name]
         files = {file: _thinned(read(data / file, value.columns), value.rate) for file in value.files}
         before, after = (_cut(files, part, value.seconds) for part in (value.before, value.after))
@@ -167,7 +168,7 @@ class Pool:
         return cls(name, before, after, able)
 
     def drawn(self, rng: np.random.Generator, seed: int) -> tuple[ChangedCase, ChangedCase]:
-        """An altered case, and itself unaltered."""
+        """An altered case, and the same unaltered."""
         value = SOURCES[self.name]
         if value.before == value.after:
             several = [self.before[k] for k in rng.permutation(len(self.before))[: RUNS + 2]]
@@ -186,7 +187,7 @@ class Pool:
 
 
 def _shows(injection: Injection, recordings: Sequence[Recording], measured: Collection[str]) -> bool:
-    """Whether it alters what is recorded, and what the model says of it."""
+    """Whether the altered signals are recorded, and used by the model."""
     there = all(signal in one for one in recordings for signal in injection.needs)
     return there and (not injection.outputs or set(injection.needs) <= set(measured))
 
@@ -200,7 +201,7 @@ def _magnitude(injection: Injection, scatter: float, rng: np.random.Generator) -
 
 
 def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: float) -> tuple[Recording, ...]:
-    """Recordings of about so many seconds, one after the other, in motion."""
+    """Consecutive moving recordings of about this length."""
     result = []
     for name, low, high in stretches:
         value = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
@@ -214,5 +215,5 @@ def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: 
 
 
 def _thinned(recording: Recording, rate: float) -> Recording:
-    """About so many rows a second of each run."""
+    """About this number of rows per second of each run."""
     return recording.every(max(1, round(1 / (rate * recording.sample_time))))

@@ -1,4 +1,4 @@
-"""Making an examination: cases that are handed out, answers that are sealed."""
+"""Making of an examination: cases to hand out and sealed answers."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ class Exam:
 
     Attributes
     ----------
-    folder : where.
+    folder : of the examination.
     tier : see `answers.Tier`.
-    counts : kind of case -> how many.
-    seal : its sum; whoever keeps it can tell later whether answers were replaced.
-    hidden : cases an effect of which hardly shows.
+    counts : kind of case -> number.
+    seal : its checksum, which shows later whether answers were replaced.
+    hidden : number of cases with an effect that is hardly detectable.
     """
 
     folder: Path
@@ -50,20 +50,20 @@ class Exam:
 
 
 def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, jobs: int, say: Say) -> Exam:
-    """Make an examination in a new folder, or go on with one that was interrupted.
+    """Make an examination in a new folder, or continue an interrupted one.
 
     Parameters
     ----------
-    folder : to be made, or empty, or left unfinished by the same request.
-    seed : says which examination.
+    folder : new, empty, or unfinished from the same request.
+    seed : of the examination.
     tier : "clean" or "workshop".
-    cases, nulls : how many with something the matter, and with nothing; nulls default to a sixth of the others.
-    jobs : processes at a time.
-    say : is told of every case.
+    cases, nulls : number of cases with and without effects; by default, nulls are a sixth of the others.
+    jobs : number of parallel processes.
+    say : called for every case.
 
     Raises
     ------
-    BadInput : there is something else in the folder already, or nothing can be written to it.
+    BadInput : if the folder contains something else, or cannot be written.
     """
     nulls = cases // 6 if nulls is None else nulls
     planned = plan(cases, nulls, tier, seed, tuple(EFFECTS), tuple(OUTSIDE))
@@ -75,13 +75,13 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
 def make_foreign(
     folder: Path, seed: int, tier: Tier, counts: Counts, target: Sequence[str], jobs: int, say: Say
 ) -> Exam:
-    """Make an examination on vehicles of foreign simulators; parameters and errors as of `make`.
+    """Make an examination with vehicles of foreign simulators; parameters and errors as in `make`.
 
     Parameters
     ----------
     tier : "foreign", "many" or "rough".
-    counts : how many cases of each kind.
-    target : families, or sets of them; none are those of the set "examination".
+    counts : number of cases of each kind.
+    target : families, or sets of them; by default those of the set "examination".
     """
     from .foreign.families import dealt_out
 
@@ -93,19 +93,19 @@ def make_foreign(
 def make_cases(
     folder: Path, requested: Mapping[str, Any], cases: Mapping[str, Callable[[], Answer]], jobs: int, say: Say
 ) -> Exam:
-    """Make cases, as far as they are not made yet, and seal them.
+    """Make the cases that are not made yet, and seal them.
 
     Parameters
     ----------
-    folder : to be made, or empty, or left unfinished by the same request.
-    requested : tier, seed and all else that says which examination it is.
-    cases : name of a case's folder -> what writes it, the answer last, and returns the answer.
-    jobs : processes at a time.
-    say : is told of every case.
+    folder : new, empty, or unfinished from the same request.
+    requested : tier, seed and all else that identifies the examination.
+    cases : name of a case's folder -> function that writes it, with the answer last, and returns the answer.
+    jobs : number of parallel processes.
+    say : called for every case.
 
     Raises
     ------
-    BadInput : there is something else in the folder already, or nothing can be written to it.
+    BadInput : if the folder contains something else, or cannot be written.
     """
     _begin(folder, {**requested, "version": __version__})
     files = {name: folder / SEALED / name / "answer.json" for name in cases}
@@ -127,7 +127,7 @@ def make_cases(
 
 
 def _begin(folder: Path, requested: dict[str, Any]) -> None:
-    """Write down what is asked for in a new folder; do nothing where the same was begun."""
+    """Store the request in a new folder; do nothing if it is already stored."""
     file = folder / SEALED / UNFINISHED
     begun = read_json(file) if file.is_file() else None
     if begun == requested:
@@ -144,14 +144,14 @@ def _begin(folder: Path, requested: dict[str, Any]) -> None:
 
 
 def prepare(folder: Path) -> None:
-    """Make sure that a folder is new or empty, and can be written to."""
+    """Ensure that a folder is new or empty, and can be written."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput(f"{folder} is not empty. Name a new folder with ‹out›; an examination is never overwritten.")
     ensure_writable(folder)
 
 
 def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
-    """Write what the examination is, and seal it."""
+    """Write the description of the examination, and seal it."""
     counts = dict(Counter(answer.kind for answer in answers))
     body = {"tier": tier, "seed": seed, "version": __version__, "counts": counts}
     write_atomically(folder / SEALED / "exam.json", json.dumps(body, indent=1) + "\n")
@@ -160,7 +160,7 @@ def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
 
 
 def _written(planned: Sequence[Planned], folder: Path) -> dict[str, Callable[[], Answer]]:
-    """What writes each case of simulated vehicles."""
+    """Functions that write the cases of simulated vehicles."""
     return {item.case: partial(_write, item, folder) for item in planned}
 
 

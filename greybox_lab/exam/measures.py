@@ -1,4 +1,4 @@
-"""What an examination measures, with its uncertainty, and the bars it sets."""
+"""Measures of an examination with their uncertainty, and their bars."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def median(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
 
 
 def calibration_error(known: Sequence[tuple[float, bool]]) -> float:
-    """Mean distance between probabilities and how often they come true, over ten bins, weighted by what is in them."""
+    """Mean difference between probabilities and frequencies over ten bins, weighted by their counts."""
     if not known:
         return nan
     probabilities, true = np.array([item for item, _ in known]), np.array([item for _, item in known], float)
@@ -46,7 +46,7 @@ def calibration_error(known: Sequence[tuple[float, bool]]) -> float:
 
 
 Bar = tuple[float, float]
-"""Least and most that is good enough."""
+"""Least and largest value that passes."""
 
 _NAMES = {
     "false_alarms": "false alarms on nulls",
@@ -107,15 +107,15 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
         "beside": (0.0, 0.05),
     },
 }  # fmt: skip
-"""By tier; `beside` counts singles and pairs; first choices are of effects above the scatter between recordings, where
-that is known."""
+"""Bars by tier; `beside` counts singles and pairs; first choices are evaluated for effects above the scatter between
+recordings, if that is known."""
 _CHANGES = ("right", "silent", "above", "changed_first", "changed_off")
-"""Measured where the question is what changed, and not where it is of one recording."""
+"""Measures for the question of what changed; not used for the question about one recording."""
 _ALONE = ("clean", "workshop", "foreign", "many", "rough")
 
 _ROUNDING = 1e-9
 STRETCH = 2.0
-"""CPU seconds a case that would be better still."""
+"""CPU seconds per case to aim for."""
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,9 @@ class Measure:
     Attributes
     ----------
     key, name : for programs and for people.
-    value, interval : with 95 % interval; NaN where there is none.
-    of : how many it was measured on.
-    bar : least and most that is good enough; None where none is set.
+    value, interval : with 95 % interval; NaN if there is none.
+    of : number of items that it was measured on.
+    bar : least and largest value that passes; None if there is none.
     """
 
     key: str
@@ -139,14 +139,14 @@ class Measure:
 
     @property
     def passed(self) -> bool | None:
-        """Whether the value is good enough; None where that cannot be said."""
+        """Whether the value passes; None if that cannot be determined."""
         if self.bar is None or not isfinite(self.value):
             return None
         return self.bar[0] - _ROUNDING <= self.value <= self.bar[1] + _ROUNDING
 
 
 def measures(exam_findings: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
-    """Every line of the score of one tier."""
+    """All lines of the score of one tier."""
     kinds = {
         kind: [item for item in exam_findings if item.answer.kind == kind]
         for kind in ("null", "single", "double", "many", "outside", "changed")
@@ -193,7 +193,7 @@ def measures(exam_findings: Sequence[ExamFinding], tier: Tier) -> tuple[Measure,
     }
     bars = _BARS.get(tier, {})
     aside = {*_CHANGES} if tier in _ALONE else set()
-    aside |= {"false_alarms"} if tier == "rough" else set()  # such a car has a gap by its nature
+    aside |= {"false_alarms"} if tier == "rough" else set()  # a gap is inherent to such cars
     requested = [key for key in values if key in bars or (values[key][2] and key not in aside)]
     return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in requested)
 
@@ -219,7 +219,7 @@ def _plain(value: float, of: Sequence[object]) -> _Value:
 
 
 def confusions(exam_findings: Sequence[ExamFinding]) -> dict[str, dict[str, int]]:
-    """Effect that is there -> first choice -> how often; of cases with one effect, of the vocabulary or outside."""
+    """Present effect -> first choice -> count; for cases with one effect, in or outside the vocabulary."""
     table: dict[str, Counter[str]] = {}
     for item in exam_findings:
         if item.answer.kind in ("single", "outside", "changed"):
@@ -232,7 +232,7 @@ def confusions(exam_findings: Sequence[ExamFinding]) -> dict[str, dict[str, int]
 
 
 def sizes_by_effect(exam_findings: Sequence[ExamFinding]) -> dict[str, tuple[Size, ...]]:
-    """Effect -> its magnitudes as found."""
+    """Effect -> its estimated magnitudes."""
     table: dict[str, tuple[Size, ...]] = {}
     for item in exam_findings:
         for size in item.sizes:

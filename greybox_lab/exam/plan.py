@@ -1,4 +1,4 @@
-"""Which cases an examination has: what is the matter in each, dealt out as evenly as it goes."""
+"""Plan of an examination's cases, with effects dealt out as evenly as possible."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from .aliases import always_alike, group_of
 from .answers import Kind, Tier
 
 SINGLE, OUTSIDE = 0.57, 0.18
-"""Shares of the cases that are no nulls; the rest are doubles."""
+"""Shares of the cases that are not nulls; the rest are doubles."""
 SAME_GROUP = 0.15
-"""Share of doubles whose effects may act on the same thing."""
+"""Share of doubles whose effects may act on the same part."""
 MANY = (3, 6)
 """Least and most effects of a case with many."""
 OF_A_GROUP = 2
-"""Most of these that act on the same thing."""
+"""Most of these that act on the same part."""
 
 
 @dataclass(frozen=True)
@@ -28,12 +28,12 @@ class Planned:
 
     Attributes
     ----------
-    case : name of its folder; tells nothing.
+    case : name of its folder, without information on the case.
     kind, tier : see `answers`.
-    effects : names of what is the matter.
-    number : its place in the plan, among cases of its kind.
-    seed : of everything random in it.
-    family : of foreign vehicles, the simulator; "" else.
+    effects : names of its effects.
+    number : its index in the plan among cases of its kind.
+    seed : of its random numbers.
+    family : of foreign vehicles, the simulator; otherwise "".
     """
 
     case: str
@@ -52,14 +52,14 @@ def plan(
 
     Parameters
     ----------
-    cases, nulls : how many with something the matter, and how many with nothing.
+    cases, nulls : number of cases with and without effects.
     tier : of all of them.
-    seed : says which.
+    seed : of the plan.
     vocabulary, outside : names of effects that diagnoses know and do not know.
 
     Raises
     ------
-    BadInput : there would be no case.
+    BadInput : if there would be no case.
     """
     if cases < 0 or nulls < 0 or cases + nulls == 0:
         raise BadInput("An examination needs at least one case; ask for some with ‹cases› or ‹nulls›.")
@@ -69,7 +69,7 @@ def plan(
 
 @dataclass(frozen=True)
 class Counts:
-    """How many cases with nothing, with one, two and many effects of the vocabulary, and with one outside it."""
+    """Number of cases without effects, with one, two and many effects of the vocabulary, and with one outside it."""
 
     nulls: int
     singles: int
@@ -81,7 +81,7 @@ class Counts:
 def dealt(
     counts: Counts, tier: Tier, seed: int, vocabulary: Sequence[str], outside: Sequence[str]
 ) -> tuple[Planned, ...]:
-    """Cases of an examination in the order of their names, so many of each kind; parameters as of `plan`."""
+    """Cases of an examination in the order of their names, with a number of each kind; parameters as in `plan`."""
     if min(vars(counts).values()) < 0 or sum(vars(counts).values()) == 0:
         raise BadInput("An examination needs at least one case; ask for some, as with ‹nulls› or ‹singles›.")
     rng = np.random.default_rng((seed, 40427))
@@ -101,14 +101,14 @@ def dealt(
 
 
 def _dealt(names: Sequence[str], rng: np.random.Generator) -> Iterator[str]:
-    """All names in random order, over and over."""
+    """All names in random order, repeatedly."""
     while True:
         for k in rng.permutation(len(names)):
             yield names[k]
 
 
 def _several(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, ...]:
-    """Three effects or more, a few of a group, none always like another."""
+    """Three to six effects, at most two per part, none always indistinguishable from another."""
     chosen: list[str] = []
     count = int(rng.integers(MANY[0], MANY[1] + 1))
     while len(chosen) < count:
@@ -120,7 +120,7 @@ def _several(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, ...]:
 
 
 def _pair(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, str]:
-    """Two effects, mostly of different groups, never ones that are always alike."""
+    """Two effects, mostly on different parts, never always indistinguishable."""
     first = next(deck)
     mixed = rng.random() > SAME_GROUP
     while True:

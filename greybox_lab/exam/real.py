@@ -1,4 +1,4 @@
-"""Cases of real recordings of a vehicle that was changed, with all from before beside them."""
+"""Cases of real recordings of a vehicle that was changed, with recordings from before."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .make import write_recording
 
 @dataclass(frozen=True)
 class ChangedCase:
-    """What changed between recordings of a real vehicle, as a case.
+    """A change between recordings of a real vehicle, as a case.
 
     Attributes
     ----------
-    vehicle, model : shipped vehicle, and model in place of its own; "" for its own.
-    before : recordings in which nothing had changed.
-    after : the recording that is diagnosed, and a second one that decides; or none.
-    answer : kept back.
+    vehicle, model : shipped vehicle, and model instead of its own; "" for its own.
+    before : recordings from before the change.
+    after : the recording that is diagnosed, and optionally a second one for verification.
+    answer : withheld.
     """
 
     vehicle: str
@@ -37,7 +37,7 @@ class ChangedCase:
     answer: Answer
 
     def written(self, folder: Path) -> Answer:
-        """Write it into an examination."""
+        """Write the case into an examination."""
         given, (first, *more) = folder / CASES / self.answer.case, self.after
         value, (canonical, _) = vehicle(self.vehicle), named_text("canonical", "columns", "column map")
         write_vehicle(replace(value, model=ChosenModel(self.model)) if self.model else value, given / "vehicle.toml")
@@ -52,11 +52,11 @@ class ChangedCase:
 
 
 def shuffled(count: int, seed: int) -> list[str]:
-    """Names of cases that tell nothing of the order in which they are planned."""
+    """Names of cases in random order, so that they do not reveal the plan."""
     digits = max(3, len(str(count)))
     return [f"case_{place:0{digits}d}" for place in np.random.default_rng((seed, 61031)).permutation(count)]
 
 
 def lacking(data: Path, files: Sequence[str]) -> list[str]:
-    """Those of the files that are not there."""
+    """The files that are missing."""
     return [name for name in dict.fromkeys(files) if not (data / name).is_file()]

@@ -1,4 +1,4 @@
-"""A recording driven again under its own commands, with other effects and without noise."""
+"""Simulation of a recording from its own commands, with other effects and without noise."""
 
 from __future__ import annotations
 
@@ -16,37 +16,37 @@ from ..virtual.virtual_vehicle import Tolerances
 from .aliases import TELLS, View
 
 LIKELY = 0.95
-"""Share of all vehicles within the tolerances that lie as near to what is stated as tolerances may reach here."""
+"""Probability of the region around the stated values to which deviations within tolerances are limited here."""
 GLANCE = 15.0
-"""Of the recording, s, that may rule an alias out before all of it is simulated."""
+"""Duration of the part of the recording, s, that may exclude an alias before the whole is simulated."""
 
 
 class Drive(Protocol):
-    """The same commands driven by other vehicles."""
+    """Simulates other vehicles with the same commands."""
 
     def __call__(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
         """Noise-free readings by channel, (rows,) each.
 
         Parameters
         ----------
-        effects : in place of the true ones; small effects that are tolerated stay.
+        effects : instead of the true ones; tolerated small effects remain.
         rows : of the recording, from its first.
-        beyond : a tolerance; the vehicle lies one sd of it further off. "" for none.
+        beyond : parameter or effect with a tolerance, which is shifted by one sd of it; "" for none.
         """
 
 
 @dataclass(frozen=True)
 class Replays:
-    """A recording driven again.
+    """A recording that can be simulated with other effects.
 
     Attributes
     ----------
-    drive : drives it.
+    drive : simulates it.
     noise : sd by channel.
     rows, period : of the recording.
-    tolerances : as stated; None where the vehicle file is exact.
-    form : by how much the model differs in its form from a vehicle that lacks nothing, as `readings`: causes between
-        which lies no more than that cannot be distinguished. None where forms are alike.
+    tolerances : as stated; None if the vehicle file is exact.
+    form : difference between the model and a vehicle without effects, due to its form, as `readings`: causes that
+        differ by no more than this are indistinguishable. None if the forms are equal.
     """
 
     drive: Drive
@@ -62,9 +62,9 @@ class Replays:
 
         Parameters
         ----------
-        effects : in place of the true ones; small effects that are tolerated stay.
-        part : of the first seconds only.
-        beyond : a tolerance; the vehicle lies one sd of it further off.
+        effects : instead of the true ones; tolerated small effects remain.
+        part : whether only the first seconds.
+        beyond : parameter or effect with a tolerance, which is shifted by one sd of it.
         """
         key = part, beyond, *sorted(effects.items())
         if key not in self._seen:
@@ -74,19 +74,19 @@ class Replays:
         return self._seen[key]
 
     def size(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
-        """Channel -> root mean square of the difference that effects make beside the rest, in noise sds."""
+        """Channel -> root mean square of the difference that effects make in addition to the rest, in noise sds."""
         return self._by_channel(self.readings(effects) - self.readings(rest))
 
     def left(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
-        """The same of what tolerances leave of that difference, as far as they are likely to lie."""
+        """Likewise, after refitting within the likely range of tolerances."""
         return self.beside_tolerances(self.readings(effects) - self.readings(rest))
 
     def beside_tolerances(self, difference: Array, others: Sequence[Array] = ()) -> dict[str, float]:
-        """Channel -> root mean square of what tolerances leave of a difference of readings.
+        """Channel -> root mean square of a difference of readings after refitting within tolerances.
 
         Parameters
         ----------
-        others : differences that other causes make: as much of them as explains most is taken off as well.
+        others : differences by other causes, which are projected out, too.
         """
         left = difference.ravel()
         if not np.any(left):
@@ -107,7 +107,7 @@ class Replays:
         return {name: float(siz) for name, siz in zip(self.noise, sizes, strict=True)}
 
     def views(self) -> Sequence[View]:
-        """The first seconds, and all of the recording."""
+        """The first seconds, and the whole recording."""
         return self._view(True), self._view(False)
 
     def _view(self, part: bool) -> View:
@@ -124,7 +124,7 @@ class Replays:
         return View(lambda other: self.readings(other, part), product, tells)
 
     def _shifts(self, part: bool) -> Array:
-        """What one sd of every tolerance changes, (tolerances, readings)."""
+        """Influence of one sd of every tolerance, (tolerances, readings)."""
         known, base = self.tolerances, self.readings({})
         rows = self.readings({}, part).shape[1]
         names = () if known is None else (*known.parameters, *known.effects)
@@ -135,7 +135,7 @@ class Replays:
 
 
 def _likely(gram: Array, aim: Array) -> Array:
-    """Tolerances, in their sds, that come nearest to an aim while they are `LIKELY` to lie as far off altogether."""
+    """Deviations in sds of tolerances that best explain an aim, limited to the region of probability `LIKELY`."""
     values, vectors = np.linalg.eigh(gram)
     value, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
 
@@ -148,5 +148,5 @@ def _likely(gram: Array, aim: Array) -> Array:
 
 
 def _inner(shifts: Array) -> Array:
-    """Covariance of tolerances, in their sds, that readings leave of beliefs of unit size."""
+    """Posterior covariance of deviations within tolerances, in their sds, given the readings and unit priors."""
     return np.asarray(np.linalg.inv(np.eye(len(shifts)) + shifts @ shifts.T))

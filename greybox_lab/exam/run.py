@@ -1,4 +1,4 @@
-"""Sitting an examination: a few processes, each with many cases; what is diagnosed already is left alone."""
+"""Run of an examination by several processes with many cases each; diagnosed cases are skipped."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from .folder import DIAGNOSIS, TAKEN, case_folders, exam_of
 
 @dataclass(frozen=True)
 class Sat:
-    """What came of a run.
+    """Result of a run.
 
     Attributes
     ----------
-    cases, before : in the examination; diagnosed by earlier runs.
-    diagnosed, failed : by this run; of these, how many came to an error.
+    cases, before : number of cases in the examination, and of those diagnosed by earlier runs.
+    diagnosed, failed : by this run, and number of those that ended in an error.
     cpu : CPU seconds of this run's diagnoses.
     """
 
@@ -44,20 +44,20 @@ class Sat:
 def run(
     cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say, sample: int | None = None, seed: int = 0
 ) -> Sat:
-    """Diagnose every case that is not yet, and write what was found beside it; several runs may share the cases.
+    """Diagnose every case without a diagnosis, and write the results to its folder; several runs may share the cases.
 
     Parameters
     ----------
     cases : folder of cases.
     diagnoser : "module:function" of type `desk.Diagnose`.
-    jobs : processes at a time.
-    timeout : s for a case; what takes longer counts as wrong.
-    say : is told of every case.
-    sample, seed : no more than so many cases, drawn by a seed; None for all.
+    jobs : number of parallel processes.
+    timeout : time per case, s; an unfinished case counts as wrong.
+    say : called for every case.
+    sample, seed : largest number of cases, drawn by a seed; None for all.
 
     Raises
     ------
-    BadInput : there are no cases, a candidate does not start, or one tried to open what was not handed out.
+    BadInput : if there are no cases, a candidate does not start, or one tried to open a withheld file.
     """
     exam = exam_of(cases)
     folders = case_folders(exam)
@@ -89,7 +89,7 @@ def run(
 
 
 class _Room:
-    """Cases that wait, and what was found so far."""
+    """Cases that wait, and results so far."""
 
     def __init__(self, todo: Sequence[Path], say: Say) -> None:
         self.results: list[dict[str, Any]] = []
@@ -113,14 +113,14 @@ class _Room:
                     try:
                         taken.enter_context(held(lock))
                     except BadInput:
-                        continue  # another run is at it
+                        continue  # another run has it
                     if not (case / DIAGNOSIS).is_file() and not self._diagnosed(case, desk, timeout, stop):
                         return
         finally:
             desk.leave()
 
     def _diagnosed(self, case: Path, desk: Desk, timeout: float, stop: Event) -> bool:
-        """Diagnose a case and keep what was found; whether to go on."""
+        """Diagnose a case and store the result; returns whether to continue."""
         try:
             kind, body = desk.diagnose(case, timeout)
         except BadInput:

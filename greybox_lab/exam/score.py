@@ -1,4 +1,4 @@
-"""Opening the answers, once: what was right, how often, and whether that is good enough."""
+"""Opening of the answers, once: how often diagnoses were right, and whether that passes."""
 
 from __future__ import annotations
 
@@ -32,16 +32,16 @@ SCORE = "score.json"
 def score(
     folder: Path, say: Say, *, verify: Verify = held_out_closure, jobs: int = 1, noted: str = "", partial: bool = False
 ) -> tuple[dict[str, Any], bool]:
-    """The score of an examination; answers and diagnoses are joined the first time only.
+    """The score of an examination; answers and diagnoses are compared the first time only.
 
     Parameters
     ----------
     folder : of the examination.
-    say : is told of progress.
-    verify : how far a closed model closes the gap on the recording held out.
-    jobs : processes that verify; with one, this process does.
-    noted : the seal's sum as noted when the examination was made.
-    partial : score what is diagnosed so far, as of a sample; that is not kept.
+    say : called with progress.
+    verify : share of the gap that a closed model closes on the held-out recording.
+    jobs : number of verifying processes; with one, this process does it.
+    noted : the seal's checksum as noted when the examination was made.
+    partial : score only the diagnosed cases, such as a sample; the score is not stored.
 
     Returns
     -------
@@ -50,7 +50,7 @@ def score(
 
     Raises
     ------
-    BadInput : the seal is broken, or a case has no diagnosis.
+    BadInput : if the seal is broken, or a case has no diagnosis.
     """
     exam = exam_of(folder)
     seal = unbroken(exam, noted)
@@ -93,7 +93,7 @@ def summary(exam_findings: list[ExamFinding], tier: Any) -> dict[str, Any]:
 
 
 def _plain(exam_finding: ExamFinding) -> dict[str, Any]:
-    """A finding without what is sealed and long."""
+    """A finding without its long sealed parts."""
     short: dict[str, Any] = {
         "case": exam_finding.answer.case,
         "kind": exam_finding.answer.kind,
@@ -129,7 +129,7 @@ def _verified(
     jobs: int,
     say: Say,
 ) -> dict[str, tuple[float, float]]:
-    """Share of the gap that closes on the recording held out, by what was applied and, of many, by what is there."""
+    """Share of the gap that closes on the held-out recording, by applied effects and, for many, by present effects."""
     target = [
         answer
         for answer in answers
@@ -155,12 +155,12 @@ def _verified(
 
 
 PLAIN = ("changed_off", "extra", "classes", "closed", "claim", "calibration", "cpu")
-"""Measures that are not told in percent."""
+"""Measures that are not shown in per cent."""
 MARKS = {True: "✓", False: "✗", None: ""}
 
 
 def score_table(body: Mapping[str, Any]) -> Table:
-    """Every measure with its interval, how many cases it rests on, and the bar."""
+    """Every measure with its interval, number of cases, and bar."""
     numbers = ("measured", "95 % interval", "of", "bar")
     table = plain_table("what", *numbers, "", right=numbers)
     for one in body["measures"]:
@@ -179,7 +179,7 @@ def score_table(body: Mapping[str, Any]) -> Table:
 
 
 def bar_words(bar: tuple[float, float] | None, percent: bool) -> str:
-    """A bar as a person writes it."""
+    """A bar in readable notation."""
     if bar is None:
         return ""
     low, high = (inf if item is None else float(item) for item in bar)
@@ -193,7 +193,7 @@ def bar_words(bar: tuple[float, float] | None, percent: bool) -> str:
 
 
 def confusions_table(body: Mapping[str, Any]) -> Table:
-    """What was taken for what, and how good magnitudes were."""
+    """First choices by true effect, and accuracy of magnitudes."""
     table = plain_table("effect", "first choices", "magnitude off", "covered", right=("magnitude off", "covered"))
     for true, choices in body["confusions"].items():
         words = ", ".join(f"{'right' if name == true else name} {count}" for name, count in choices.items())
@@ -204,7 +204,7 @@ def confusions_table(body: Mapping[str, Any]) -> Table:
 
 
 def wrong_table(body: Mapping[str, Any]) -> Table:
-    """Cases that were wrong, or gave a name that is not there; real changes all."""
+    """Cases with a mistake or an absent effect; real changes always."""
     table = plain_table("case", "truth", "size", "wrong", "first choices", right=("size",))
     for one in body["findings"]:
         if not _worth_telling(one):
@@ -223,7 +223,7 @@ def wrong_table(body: Mapping[str, Any]) -> Table:
 
 
 def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
-    """What is printed of a score."""
+    """The printed tables of a score."""
     yield score_table(body)
     if detail:
         yield confusions_table(body)
@@ -232,7 +232,7 @@ def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
 
 
 def _worth_telling(value: Mapping[str, Any]) -> bool:
-    """Whether a case is told by itself: what is wrong, and what is real."""
+    """Whether a case is listed: it has a mistake, or is real."""
     return bool(value["wrong"] or value["beside"]) or value["kind"] == "changed"
 
 

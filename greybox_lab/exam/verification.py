@@ -1,4 +1,4 @@
-"""How far a gap really closes: the closed model on the recording that was held out."""
+"""Verified closure of a gap: simulation of the closed model on the held-out recording."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from .answers import Answer
 from .folder import CLOSED, COLUMNS
 
 Verify = Callable[[Path, Path, Mapping[str, Any]], float]
-"""Folder of a case, recording held out, diagnosis -> share of the gap that closes; -inf where simulation fails."""
+"""Folder of a case, held-out recording, diagnosis -> closed share of the gap; -inf if the simulation fails."""
 
 
 def plain_model(model: MotionModel) -> dict[str, Any]:
-    """A model as plain data, second parameters of effects included, for which vehicle files have no place."""
+    """A model as plain data, including other parameters of effects, which vehicle files cannot contain."""
     return {
         "name": model.name,
         "settings": dict(model.settings),
@@ -38,7 +38,7 @@ def plain_model(model: MotionModel) -> dict[str, Any]:
 
 
 def model_from(plain: Mapping[str, Any]) -> MotionModel:
-    """The model that `plain_model` wrote down."""
+    """The model stored by `plain_model`."""
     model = must_be(MotionModel, build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"])))
     values = plain["values"]
     return model.with_parameters(
@@ -47,13 +47,13 @@ def model_from(plain: Mapping[str, Any]) -> MotionModel:
 
 
 def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -> float:
-    """Share of the gap that closes on a recording held out.
+    """Share of the gap that closes on a held-out recording.
 
     Parameters
     ----------
     case : folder with vehicle.toml and closed.toml.
     held_out : recording of the same true vehicle.
-    diagnosis : its "closed_model" is what `plain_model` makes of the closed model; without it closed.toml counts.
+    diagnosis : its "closed_model" is the closed model from `plain_model`; without it, closed.toml is used.
     """
     plain = diagnosis.get("closed_model")
     try:
@@ -64,7 +64,7 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
 
 
 def true_closure(case: Path, held_out: Path, answer: Answer) -> float:
-    """The same of the effects that are really there at their true magnitudes; NaN where they cannot be simulated."""
+    """Likewise for the present effects at their true magnitudes; NaN if they cannot be simulated."""
     stated = vehicle(case / "vehicle.toml")
     there = {name: Stated(value) for name, value in answer.effects.items() if name in EFFECTS}
     second = {name: value for name, value in answer.about.get("drawn", {}).items() if name not in answer.effects}
@@ -77,7 +77,7 @@ def true_closure(case: Path, held_out: Path, answer: Answer) -> float:
 
 
 def _closed(case: Path, held_out: Path, after: MotionModel) -> float:
-    """How far a model closes the gap on a recording held out."""
+    """Share of the gap that a model closes on a held-out recording."""
     stated, mapping = vehicle(case / "vehicle.toml"), case / COLUMNS
     recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
     result = closure(motion_model_of(stated), after, [recording], stated, EFFECTS, horizons=False)

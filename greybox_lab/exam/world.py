@@ -1,4 +1,4 @@
-"""A case of the virtual vehicle: one of any class, known exactly or within tolerances, driven twice."""
+"""A case of the virtual vehicle: of any class, known exactly or within tolerances, driven twice."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ from .plan import Planned
 from .replays import Replays
 
 PERIODS = (0.010, 0.012, 0.015, 0.016, 0.020)
-"""Between rows, s."""
+"""Sample times, s."""
 DURATION, HELD_OUT = (60.0, 120.0), (40.0, 60.0)
 COLOUR, OUTLIERS = (0.2, 0.6), (0.001, 0.004)
-"""Of the workshop's noise: share that is correlated, share of readings that are far off."""
+"""Noise of tier workshop: share that is correlated, and share of outliers."""
 BEYOND = 2.0
-"""Standard deviations from which on a small effect is further off than its tolerance says of 19 in 20 vehicles: to name
-it is right."""
+"""Least deviation of a small effect, in standard deviations of its tolerance, from which naming it is right: 19 in 20
+vehicles deviate less."""
 DRAWS = 20
-"""Draws of magnitudes and vehicle until every effect shows: what does not cannot be asked for."""
+"""Most draws of magnitudes and vehicle until every effect is detectable."""
 
 
 def made(planned: Planned) -> MadeCase:
@@ -54,7 +54,7 @@ class _VirtualCase(Draw):
         rng = self.rng
         kinds: tuple[Class, ...] = get_args(Class)
         drawn = random_vehicle(int(rng.integers(2**31)), kinds[planned.number % len(kinds)])
-        named = replace(drawn, name=drawn.kind)  # its own name tells the seed
+        named = replace(drawn, name=drawn.kind)  # its own name would reveal the seed
         self.stated = with_lateral_velocity(named, planned.effects)
         workshop = planned.tier != "clean"
         self.tolerances = tolerances(self.stated) if workshop else None
@@ -79,7 +79,7 @@ class _VirtualCase(Draw):
         self.again = Replays(self._driven_again, self.car.noise, len(self.recording), period, self.tolerances)
 
     def _driven_again(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
-        """The recording's commands driven by another vehicle, see `replays.Drive`."""
+        """Simulation of another vehicle with the recording's commands, see `replays.Drive`."""
         car, known = self.car, self.tolerances
         if beyond and known is not None:
             if beyond in known.parameters:
@@ -102,7 +102,7 @@ class _VirtualCase(Draw):
 
     @property
     def sized(self) -> VirtualCar:
-        """The true one."""
+        """The true vehicle."""
         return self.car
 
     def made(self) -> MadeCase:
@@ -114,7 +114,7 @@ class _VirtualCase(Draw):
         return self.case(held_out, withheld, _plain(self.car), {"rate": self.rate}, more)
 
     def _nature(self) -> tuple[str, ...]:
-        """Small effects beyond their tolerances, and the lag of a play whose flanks give: the wheels are that late."""
+        """Small effects beyond their tolerances, and the lag of a steering play with elastic stops."""
         far = [
             name for name, sd in (self.tolerances.effects if self.tolerances else {}).items()
             if abs(self.car.small[name] - ALL[name].null) > BEYOND * sd
