@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,6 +97,9 @@ def checksum(body: Mapping[str, Any]) -> str:
 
 FORMAT, VERSION, CHECKSUM = "format", "format_version", "checksum"
 
+_NUMBERS = re.compile(r"\[\n\s*([-+.,\deE\s]+?)\n\s*\]")
+"""A list of numbers, one below the other: a line of a file holds a whole list."""
+
 Found = TypeVar("Found")
 
 
@@ -121,7 +125,8 @@ class Kind:
         """Plain data as the text of a file of this kind."""
         whole = plain({FORMAT: self.format, VERSION: self.version, **body})
         whole[CHECKSUM] = checksum(whole)
-        return json.dumps(without_nan(whole), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        text = json.dumps(without_nan(whole), indent=1, ensure_ascii=False, allow_nan=False)
+        return _NUMBERS.sub(lambda found: f"[{' '.join(found[1].split())}]", text) + "\n"
 
     def load(self, path: str | Path, made: Callable[[dict[str, Any]], Found], *, going_on: bool = False) -> Found:
         """Load a result of this kind from a file.
