@@ -1,1 +1,1 @@
-"""Synthetic cars, made from a seed; no code is shared with the models."""
+"""Synthetic cars, reproducible by seed; no code is shared with the package's models."""

@@ -1,4 +1,4 @@
-"""The synthetic recordings, for the entry point `greybox.recordings`."""
+"""The synthetic recordings for the entry point `greybox.recordings`."""
 
 from __future__ import annotations
 
@@ -41,4 +41,4 @@ MADE: dict[str, tuple[str, Callable[[Path, int | None], tuple[Path, ...]]]] = {
     ),
     "virtual_lap": ("a lap of a double-track vehicle with random parameters, in canonical columns", _virtual_lap),
 }
-"""Name -> what it is, and what writes it to a folder."""
+"""Name -> description, and function that writes it to a folder."""

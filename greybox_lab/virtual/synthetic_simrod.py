@@ -1,16 +1,16 @@
-"""A seeded generator of recordings of a synthetic SimRod, with the tyre forces that no recording tells.
+"""Generator of recordings of a synthetic SimRod, with tyre forces that no recording contains.
 
     for test in make(seed=0, part="train"):
-        test.recording                      # what a test car records, 100 Hz: all that an estimator may read
-        test.truth.F_yf                     # what wheel force transducers would read: for the score alone
+        test.recording                      # recording of a test car, 100 Hz: all that an estimator may read
+        test.truth.F_yf                     # readings of ideal wheel force transducers: for scoring only
 
 Steps and sines of the steering wheel at several speeds, as on the proving ground of "Tire cornering stiffness
-estimation using hybrid modeling" (Sec. 3.3). The car is the virtual vehicle with the SimRod's numbers: two tracks,
+estimation using hybrid modeling" (Sec. 3.3). The car is the virtual vehicle with parameters of the SimRod: two tracks,
 nonlinear tyres whose stiffness and friction grow less than their load, load transfer, rear drive; simulated at 1 kHz.
 It shares no equations with the package's models.
 
-`greybox datasets make simrod --seed 0 --out DIR` writes the recordings, and the truth in a folder of its own. The paper
-shows its profiles without their numbers (Fig. 5); these reach from 1.4 to about 7 m/s^2.
+`greybox datasets make simrod --seed 0 --out DIR` writes the recordings, and the truth to a separate folder. The paper
+shows its profiles without numbers (Fig. 5); these reach from 1.4 to about 7 m/s^2.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ from .virtual_vehicle.scale import G
 EFFECTS: Mapping[str, float] = MappingProxyType(
     {"load_sensitivity": 0.15, "longitudinal_load_transfer": 1.0, "combined_slip": 1.0}
 )
-"""What the virtual vehicle has besides its nonlinear tyres: friction falls with load; loads shift along; the drive
-takes its share of the rear tyres' friction."""
+"""Effects in addition to nonlinear tyres: friction falls with load; longitudinal load transfer; the driving force
+reduces the rear tyres' lateral friction."""
 FORMS = Forms(stiffness="degressive", geometry="each_wheel", wheels="rotating")
-"""Each wheel has the slip of where it stands; an outer wheel gains less stiffness than the inner one loses."""
+"""Each wheel has the slip at its own position; the outer wheel gains less stiffness than the inner one loses."""
 _TOP_SPEED = 20.0
-"""m/s: brisk for it."""
+"""Brisk speed for this car, m/s."""
 
 
 def simrod() -> VirtualCar:
-    """The SimRod as its vehicle file states it: m 930 kg, I_z 700 kg m^2, l_f 1.175 m, wheelbase 2.346 m."""
+    """The SimRod of its vehicle file: m 930 kg, I_z 700 kg m^2, l_f 1.175 m, wheelbase 2.346 m."""
     stated = vehicle("simrod")
     values = {name: value.value for name, value in stated.values.items() if value.value is not None}
     return VirtualCar(
@@ -60,11 +60,11 @@ def simrod() -> VirtualCar:
 
 Part = Literal["train", "held out"]
 RATIO = 20.0
-"""Angle of the steering wheel over that of the road wheels."""
+"""Ratio of the steering wheel's angle to that of the road wheels."""
 FASTEST_HANDS = 6.0
-"""rad/s at the steering wheel, in a step."""
+"""Rate of the steering wheel in a step, rad/s."""
 _STRAIGHT = 1.0
-"""Driven straight on at the beginning and at the end, s."""
+"""Duration of straight driving at the beginning and at the end, s."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +73,12 @@ class Manoeuvre:
 
     Attributes
     ----------
-    kind : "step": to one side, held, to the other side, held; "sine": begun and ended at zero.
-    speed : that the driver keeps, m/s.
+    kind : "step": to one side, held, to the other side, held; "sine": whole periods, from zero to zero.
+    speed : kept by the driver, m/s.
     amplitude : at the steering wheel, rad; negative begins to the right.
-    frequency : of a sine, Hz; of a step, one over twice the time it is held.
+    frequency : of a sine, Hz; of a step, 1 / (2 * duration of one side).
     duration : s.
-    part : whether a model may be trained on it, or is held to it.
+    part : for training, or held out.
     """
 
     kind: Literal["step", "sine"]
@@ -90,7 +90,7 @@ class Manoeuvre:
 
     @property
     def name(self) -> str:
-        """What it is called in tables: "step 14 m/s 60 deg"."""
+        """Name in tables, such as "step 14 m/s 60 deg"."""
         often = f" {self.frequency:g} Hz" if self.kind == "sine" else ""
         return f"{self.kind} {self.speed:g} m/s {round(float(np.degrees(self.amplitude)))} deg{often}"
 
@@ -115,8 +115,8 @@ MANOEUVRES: tuple[Manoeuvre, ...] = (
     Manoeuvre("sine", 13.0, -1.7, 0.7, part="held out"),
     Manoeuvre("sine", 15.0, 1.3, 0.5, part="held out"),
 )  # fmt: skip
-"""Speed, m/s, amplitude, rad at the steering wheel, frequency, Hz. No held-out manoeuvre has the speed of a trained
-one."""
+"""Speed, m/s, amplitude at the steering wheel, rad, and frequency, Hz. Speeds of held-out manoeuvres differ from those
+for training."""
 
 
 def steering(manoeuvre: Manoeuvre, rate: float) -> Array:
@@ -138,12 +138,12 @@ def steering(manoeuvre: Manoeuvre, rate: float) -> Array:
 
 
 EXCITED = 0.01
-"""Slip angle of an axle, rad, from which a force over it tells a stiffness."""
+"""Least slip angle of an axle, rad, for which its secant stiffness is defined."""
 
 
 @dataclass(frozen=True)
 class TyreTruth:
-    """The tyres' forces and slips just after every row's time, without noise; both wheels of an axle together.
+    """Forces and slips of the tyres just after each row's time, without noise; sums or means over both wheels.
 
     Signs as in ISO 8855: a positive slip angle makes a positive force, F_y = C_alpha alpha.
 
@@ -179,14 +179,14 @@ class TyreTruth:
         return _secant(self.F_yr, self.alpha_r)
 
     def columns(self) -> dict[str, Array]:
-        """All that is known of every row, by name, each with `true_` before it: nobody reads it by mistake."""
+        """All columns of the truth by name, with the prefix `true_`, so that none is read by mistake."""
         value = {field.name: getattr(self, field.name) for field in fields(self) if field.name[:2] != "C_"}
         every = {**value, "C_alpha_f": self.C_alpha_f, "C_alpha_r": self.C_alpha_r}
         return {name if name == "time" else f"true_{name}": values for name, values in every.items()}
 
 
 def tyre_truth(truth: Truth, time: Array) -> TyreTruth:
-    """The tyres' part of what is true of a recording."""
+    """The truth about the tyres from that of a recording."""
     p, states = truth.car.parameters, truth.states
     v_x, v_y, r = states["v_x"], states["v_y"], states["yaw_rate"]
     L = p["l_f"] + p["l_r"]
@@ -211,21 +211,21 @@ def _secant(force: Array, slip: Array) -> Array:
 
 
 RATE = 100.0
-"""Rows a second."""
+"""Rows per second."""
 
 
 @dataclass(frozen=True)
 class Test:
-    """One manoeuvre as it was driven.
+    """A driven manoeuvre.
 
     Attributes
     ----------
-    manoeuvre : what was asked for.
+    manoeuvre : as requested.
     recording : time, v_x, v_y, yaw_rate, a_x, a_y, steer and ax_cmd: all that an estimator may read.
-    truth : the tyres' forces and slips; only for the score.
+    truth : forces and slips of the tyres; for scoring only.
     """
 
-    __test__ = False  # no test of pytest's
+    __test__ = False  # not a test class for pytest
 
     manoeuvre: Manoeuvre
     recording: Recording
@@ -233,13 +233,13 @@ class Test:
 
 
 def make(seed: int = 0, part: Part | None = None, noise: float = 1.0) -> tuple[Test, ...]:
-    """All manoeuvres, or those of one part, each a recording of its own.
+    """All manoeuvres, or those of one part, each as a recording.
 
     Parameters
     ----------
-    seed : of the sensors' noise; manoeuvres are always the same.
+    seed : of sensor noise; the manoeuvres are always the same.
     part : "train" or "held out"; None for both.
-    noise : sd of the sensors over that of the vehicle file.
+    noise : sd of the sensors relative to that in the vehicle file.
     """
     chosen = [k for k, manoeuvre in enumerate(MANOEUVRES) if part in (None, manoeuvre.part)]
     seeds = [int(np.random.SeedSequence((seed, k)).generate_state(1)[0]) for k in chosen]
@@ -247,7 +247,7 @@ def make(seed: int = 0, part: Part | None = None, noise: float = 1.0) -> tuple[T
 
 
 def drive(manoeuvres: Sequence[Manoeuvre], seeds: Sequence[int], noise: float = 1.0) -> tuple[Test, ...]:
-    """Drive manoeuvres with seeds of their noise, whose sd is so many times that of the vehicle file."""
+    """Drive manoeuvres with seeds of their noise, whose sd is `noise` times that in the vehicle file."""
     car, result = simrod(), []
     for manoeuvre, seed in zip(manoeuvres, seeds, strict=True):
         steer = steering(manoeuvre, RATE)
@@ -261,17 +261,18 @@ TRUTH = "truth"
 
 
 def write(folder: str | Path, seed: int = 0) -> tuple[Path, ...]:
-    """Write a recording per manoeuvre, and what is true of it to the folder `truth` inside under the same name.
+    """Write a recording per manoeuvre, and its truth under the same name to the folder `truth` within.
 
     The recordings have the columns of the column map "canonical".
 
     Parameters
     ----------
-    folder : where to write; made if need be.
-    seed : of the sensors' noise.
+    folder : where to write; created if necessary.
+    seed : of sensor noise.
 
     Returns
     -------
+    Paths of the recordings.
     The recordings' paths.
     """
     target, written = Path(folder), []

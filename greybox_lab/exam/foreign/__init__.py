@@ -1,5 +1,4 @@
-"""Reality made by other people's physics: simulators that share neither code nor functional forms with the models.
+"""Vehicles of other simulators, which share neither code nor functional forms with the models.
 
-`families` lists them and says which serve calibration and which serve examinations. Nothing here is imported by a
-diagnosis.
+`families` lists them with their use for calibration or examinations. A diagnosis imports nothing from here.
 """

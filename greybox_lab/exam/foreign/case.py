@@ -1,6 +1,6 @@
-"""One case of a foreign vehicle made: drawn, identified as a single track, something withheld, driven twice.
+"""A case with a foreign vehicle: drawn, identified as a single track, with withheld effects, driven twice.
 
-A foreign vehicle driven, and what sensors make of its motion.
+Also drives of a foreign vehicle, and readings of sensors from its motion.
 """
 
 from __future__ import annotations
@@ -35,21 +35,21 @@ from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, roughened, t
 from .vehicles import Reality, Task, chassis, single_track
 
 RUN_IN = 3.0
-"""Time, s, that a driver drives straight on before the first row."""
+"""Duration of straight driving before the first row, s."""
 MOST = 1e3
-"""Speeds and rates beyond this are no motion of a vehicle."""
+"""Largest velocity or yaw rate that counts as a motion of a vehicle."""
 
 
 @dataclass(frozen=True)
 class Ride:
-    """A vehicle's motion under commands.
+    """A vehicle's motion with its commands.
 
     Attributes
     ----------
     commands : (rows, 2) steering, rad, and drive, in the unit of its channel.
-    motion : as sensors could read it, from the first row on.
+    motion : as read by sensors, from the first row on.
     period : between rows, s.
-    linear_hold : whether commands run straight from row to row; else they are held.
+    linear_hold : whether commands are linear between rows; otherwise they are held.
     """
 
     commands: Grid
@@ -58,7 +58,7 @@ class Ride:
     linear_hold: bool
 
     def arriving(self, column: int, share: float) -> Row:
-        """A command, that share of a period after each row, (rows,); simulators take it in the middle of a step."""
+        """A command at a share of a period after each row, (rows,); simulators use that in the middle of a step."""
         here = self.commands[:, column]
         after = np.append(here[1:], here[-1])
         share = share + 0.5 * STEP / self.period
@@ -71,18 +71,18 @@ class Ride:
         return dict(zip(("v_x", "v_y", "yaw_rate"), map(float, first[:3]), strict=True))
 
     def truth(self, after: float = 0.0) -> dict[str, Row]:
-        """What was readable so many seconds after each row's commands, by name of `layout.READABLE`."""
+        """The motion at a time in s after each row's commands, by name of `layout.READABLE`."""
         hold, first = round(self.period / STEP), self.motion.first + round(after / STEP)
         now = self.motion.readable[first : first + len(self.commands) * hold : hold, 0]
         return {name: now[:, k] for k, name in enumerate(READABLE)}
 
 
 def driven(reality: Reality, car: VirtualCar, seconds: float, rate: float, seed: int, manoeuvre: str = "mixed") -> Ride:
-    """A driver, who knows the vehicle as a single track, drives a reality.
+    """Simulate a foreign vehicle with a driver, who knows it as a single track.
 
     Raises
     ------
-    BadInput : the motion blew up.
+    BadInput : if the simulation diverged.
     """
     plans, roads = np.random.default_rng((seed, 1, 4099)), np.random.default_rng((seed, 0, 4099))
     size, rows, run_in = car.size, max(int(round(seconds * rate)), 2), ceil(RUN_IN * rate)
@@ -92,7 +92,7 @@ def driven(reality: Reality, car: VirtualCar, seconds: float, rate: float, seed:
 
 
 def replayed(reality: Reality, car: VirtualCar, commands: Grid, period: float, start: Mapping[str, float]) -> Ride:
-    """The same commands once more, with no driver; those of the first row were in force for ever before."""
+    """Simulate the same commands again, without a driver; those of the first row are assumed constant before."""
     begin = tuple(start[name] for name in ("v_x", "v_y", "yaw_rate"))
     plan = robot(commands[:, 0], commands[:, 1])
     return _carried_out(reality, car, plan, np.zeros((8, ROAD)), 1.0, 0, begin, period)
@@ -114,12 +114,12 @@ def _carried_out(
 
 
 def readings(ride: Ride, car: VirtualCar, effects: Mapping[str, float], seed: int) -> dict[str, Row]:
-    """What sensors read without noise, name -> (rows,)."""
+    """Noise-free readings of sensors, name -> (rows,)."""
     return hung(_clean(ride, car, effects, seed), _time(ride), _all(car, effects), _rng(seed, 6))
 
 
 def recorded(ride: Ride, car: VirtualCar, effects: Mapping[str, float], seed: int, name: str) -> Recording:
-    """A recording with the noise that is stated; where sensors hang, they repeat their noise as well."""
+    """A recording with the stated noise; repeated readings have the same noise."""
     seen = noisy(_clean(ride, car, effects, seed), car.noise, ride.period, 0.0, 0.0, 0.0, _rng(seed, 5))
     signals = hung(seen, _time(ride), _all(car, effects), _rng(seed, 6))
     signals |= {"steer": ride.commands[:, 0], car.drive_channel: ride.commands[:, 1]}
@@ -127,14 +127,14 @@ def recorded(ride: Ride, car: VirtualCar, effects: Mapping[str, float], seed: in
 
 
 def _clean(ride: Ride, car: VirtualCar, effects: Mapping[str, float], seed: int) -> dict[str, Row]:
-    """Readings without noise, and before any of them hangs."""
+    """Noise-free readings without repeated ones."""
     everything, known = _all(car, effects), {**car.parameters, "top_speed": car.size.top_speed}
     when = instants(_time(ride), everything, False, _rng(seed, 3))
     return read(ride.motion, when, everything, known, _rng(seed, 4))
 
 
 def _all(car: VirtualCar, effects: Mapping[str, float]) -> dict[str, float]:
-    """Magnitudes of all that sensors may have."""
+    """Magnitudes of all effects of sensors."""
     return complete({name: effect for name, effect in effects.items() if name in OF_THE_SENSORS}, car.size)
 
 
@@ -143,7 +143,7 @@ def _time(ride: Ride) -> Row:
 
 
 def _rng(seed: int, stream: int) -> np.random.Generator:
-    """Randomness by purpose, so that what one draws does not change the others."""
+    """Random generators by purpose, so that draws for one do not change the others."""
     return np.random.default_rng((seed, stream, 4099))
 
 
@@ -152,21 +152,21 @@ _LEAST = np.array([0.5, 0.6, 0.2, -4.0] * 2 + [0.5] + [0.0, 0.0, 0.0, 0.3])
 _MOST = np.array([80.0, 2.6, 3.0, 0.98] * 2 + [2.0] + [10.0, 10.0, 10.0, 3.0])
 
 _AFTER = 0.6
-"""Of a row, after which a servo has done what it can of a command that is held."""
+"""Time after a row, in sample times, after which a servo has practically reached a held command."""
 
 
 def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
-    """The vehicle with tyres, yaw inertia, resistance and drive as they fit best: what an engineer would identify.
+    """The vehicle with identified tyres, yaw inertia, resistance and drive, as an engineer would obtain them.
 
-    Mass, geometry and the shares of the axles are weighed and measured; the rest is fitted by least squares to the
-    accelerations of the nominal vehicle on manoeuvres without noise, with weights by its sensors.
+    Mass, geometry and axle shares are measured; the others are fitted by least squares to the accelerations of the
+    nominal vehicle in noise-free manoeuvres, each divided by its standard deviation.
 
     Parameters
     ----------
-    car : as roughly known.
-    rides : of the nominal vehicle, nothing withheld.
+    car : with approximate parameters.
+    rides : of the nominal vehicle, without withheld effects.
     """
-    truth = [ride.truth(_AFTER * ride.period) for ride in rides]  # the servo has done what it can by then
+    truth = [ride.truth(_AFTER * ride.period) for ride in rides]  # when the servo has reached its command
     joined = {name: np.concatenate([item[name] for item in truth]) for name in truth[0]}
     steer, drive = (np.concatenate([ride.arriving(k, _AFTER) for ride in rides]) for k in (0, 1))
     moving = (joined["v_x"] > 0.15 * car.top_speed) & (np.arange(len(steer)) % 3 == 0)
@@ -194,7 +194,7 @@ def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
 
 
 def accelerations(p: dict[str, float], at: dict[str, Row], steer: Row, drive: Row) -> dict[str, Row]:
-    """a_x, a_y and yaw acceleration of the single track in a motion, (n,) each."""
+    """a_x, a_y and yaw acceleration of the single track in a given motion, (n,) each."""
     v_x, v_y, r, L = at["v_x"], at["v_y"], at["yaw_rate"], p["l_f"] + p["l_r"]
     alpha = {"f": steer - np.arctan2(v_y + p["l_f"] * r, v_x), "r": -np.arctan2(v_y - p["l_r"] * r, v_x)}
     F_y = {}
@@ -215,17 +215,17 @@ def accelerations(p: dict[str, float], at: dict[str, Row], steer: Row, drive: Ro
 
 
 PERIODS = (0.010, 0.020)
-"""Between rows, s."""
+"""Sample times, s."""
 DURATION, HELD_OUT, REFERENCE = (60.0, 100.0), (40.0, 60.0), 45.0
-"""Of recordings and of the manoeuvres on which a vehicle is identified, s."""
+"""Durations of recordings, and of the manoeuvres for identification, s."""
 FORM_MOST = 0.02
-"""Largest error of form, over the sd of the signal, with which a vehicle is taken: beyond that the single track that
-was identified is not a description of it."""
+"""Largest model error, relative to the sd of the signal, with which a vehicle is accepted: beyond it, the identified
+single track does not describe the vehicle."""
 ROUGH_MOST = 0.2
-"""The same where the file is rough: beyond that nobody would have handed it out."""
+"""Likewise for rough files: beyond it, nobody would have handed out the file."""
 FORM_CHANNELS = ("v_x", "yaw_rate", "a_x", "a_y")
 DRAWS = 12
-"""Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
+"""Most draws of vehicle, magnitudes and drive until every effect is detectable; the last one is used in any case."""
 
 
 def made(planned: Planned) -> MadeCase:
@@ -243,7 +243,7 @@ class _ForeignCase(Draw):
         self.family, rng = FAMILIES[planned.family], self.rng
         self.known = {name: entry for name, entry in VOCABULARY.items() if name in self.family.effects}
         self.rate = 1.0 / float(rng.choice(PERIODS))
-        vehicle = self.family.draw(rng, planned.number + attempt // DRAWS)  # of a class that cannot be had: the next
+        vehicle = self.family.draw(rng, planned.number + attempt // DRAWS)  # of another class if one is not possible
         self.vehicle = vehicle = replace(vehicle, about=with_lateral_velocity(vehicle.about, planned.effects))
         self.stated = self._identified()
         self.tolerances = tolerances(self.stated)
@@ -267,7 +267,7 @@ class _ForeignCase(Draw):
     def _drive(self) -> None:
         self.ride = self._driven(DURATION, self.seed)
         self.recording = self._recorded(self.ride, self.seed)
-        self.__dict__.pop("_base", None)  # of the ride before
+        self.__dict__.pop("_base", None)  # of the previous ride
         noise, rows = self.stated.noise, len(self.recording)
         self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, self._form())
 
@@ -276,7 +276,7 @@ class _ForeignCase(Draw):
         return self.family.build(value, gusts(6000, seed) if effects.get("crosswind") else np.zeros(1))
 
     def _identified(self) -> VirtualCar:
-        """The single track that fits the nominal vehicle; where it does not fit well, the draw is none."""
+        """The single track identified from the nominal vehicle; if it does not fit well, the draw is rejected."""
         about = self.vehicle.about
         rides = [
             driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(integer))
@@ -303,9 +303,9 @@ class _ForeignCase(Draw):
         return recorded(ride, self.stated, together(self.true.small, self.effects), seed, self.planned.case)
 
     def _driven_again(self, effects: Mapping[str, float], rows: int, beyond: str) -> Mapping[str, Array]:
-        """The recording's commands driven by another vehicle, see `replays.Drive`.
+        """Simulation of another vehicle with the recording's commands, see `replays.Drive`.
 
-        What tolerances change is taken from the single track that is stated.
+        The influence of tolerances is simulated with the stated single track.
         """
         everything = together(self.true.small, effects)
         if beyond:
@@ -326,19 +326,19 @@ class _ForeignCase(Draw):
 
     @cached_property
     def _base(self) -> tuple[Mapping[str, Array], Mapping[str, Array]]:
-        """The recording's commands driven by the vehicle with nothing withheld, and by what is stated of it."""
+        """Readings with the recording's commands, of the vehicle without withheld effects and as stated."""
         rows = len(self.recording)
         return self._driven_again({}, rows, ""), self._stated(rows, self.stated, {})
 
     def _stated(self, rows: int, car: VirtualCar, effects: Mapping[str, float]) -> Mapping[str, Array]:
-        """The same by the single track that is stated."""
+        """Readings of a single track with the recording's commands."""
         numbers = withheld(single_track(car, self.ride.linear_hold), effects, car)
         commands = self.ride.commands[:rows]
         ride = replayed(DoubleTrack(numbers), car, commands, self.ride.period, self.ride.start)
         return readings(ride, car, effects, self.seed)
 
     def _form(self) -> Array:
-        """Nominal vehicle less what is stated of it, under the recording's commands, in noise sds."""
+        """Difference of the nominal vehicle from the stated one with the recording's commands, in noise sds."""
         rows = len(self.recording)
         nominal = self._reality({}, self.seed, self.vehicle.numbers)
         ride = replayed(nominal, self.stated, self.ride.commands, self.ride.period, self.ride.start)
@@ -356,13 +356,13 @@ class _ForeignCase(Draw):
 
 
 def columns(linear_hold: bool) -> str:
-    """The canonical column map, and how commands run between rows."""
+    """The canonical column map, with the hold of commands between rows."""
     text = resources.files("greybox_id.datasets").joinpath("columns", "canonical.toml").read_text("utf-8")
     return text.replace('hold = "zero"', 'hold = "linear"') if linear_hold else text
 
 
 def _shifted(numbers: Mapping[str, float], stated: VirtualCar, true: VirtualCar) -> dict[str, float]:
-    """Numbers of a vehicle that differs from the one identified as the true single track differs from that stated."""
+    """Numbers of a vehicle, changed from the identified one as the true single track differs from the stated one."""
     result, before, after = dict(numbers), chassis(stated), chassis(true)
     for name, value in before.items():
         if name in ("drive_split_front", "brake_split_front"):

@@ -1,8 +1,8 @@
-"""A double-track vehicle with four wheels of its own, in plain formulas, at steps of one millisecond.
+"""A double-track vehicle with four independent wheels, in plain formulas, at steps of one millisecond.
 
 Sources: Milliken & Milliken, Race Car Vehicle Dynamics, ch. 18 (loads); Rill, Road Vehicle Dynamics, sec. 3.4 (TMeasy);
-Fiala in Pacejka, Tire and Vehicle Dynamics, sec. 3.2; Dugoff, Fancher & Segel, SAE 700377. Tyres are stated by their
-cornering stiffness over load and their friction: curves of different shapes agree in both. ISO 8855 axes, SI units.
+Fiala in Pacejka, Tire and Vehicle Dynamics, sec. 3.2; Dugoff, Fancher & Segel, SAE 700377. Tyres are given by cornering
+stiffness over load and friction: curves of different shapes agree in both. ISO 8855 axes, SI units.
 """
 
 from __future__ import annotations
@@ -25,35 +25,35 @@ from .vehicles import Task
 
 G = 9.81
 TYRES = ("fiala", "exponential", "tmeasy", "rational", "dugoff", "magic_formula")
-"""Shapes of the lateral force over slip; the last one is for what is stated, never for what is real."""
+"""Shapes of the lateral force over slip; the last one is for stated vehicles only, never for true ones."""
 
 CHASSIS = (
     *("m", "I_z", "l_f", "l_r", "h_cg", "track_f", "track_r", "slope_f", "slope_r", "mu_f", "mu_r"),
     *("c_0", "c_1", "c_2", "drive_split_front", "brake_split_front", "force_per_unit"),
 )
-"""What the vehicle is made of; slope: cornering stiffness over axle load, 1/rad."""
+"""Numbers of the vehicle; slope: cornering stiffness over axle load, 1/rad."""
 FORMS = (
     *("tyre", "ackermann", "roll_share", "load_exponent", "height", "ellipse", "relaxation", "steer_time"),
     *("drive_time", "peak_place", "drag_power", "drag_speed", "linear_hold"),
     *("C_f", "E_f", "C_r", "E_r"),
 )
-"""How it differs from a single track: shape of the tyre, share of Ackermann's angles, front share of the roll
-stiffness, fall of friction with load, share of the height that shifts load along, strength of combined slip,
+"""Differences from a single track: shape of the tyre, share of Ackermann's angles, front share of the roll stiffness,
+decrease of friction with load, share of the height that shifts load longitudinally, strength of combined slip,
 relaxation length [m], time constants [s] of servo and drive, slip of the peak over that of a linear tyre, power of the
-drag and the speed [m/s] at which it is what c_2 says; whether commands run straight from row to row; C and E of the
-magic formula."""
+drag and the speed [m/s] at which it equals that of c_2; whether commands are linear between rows; C and E of the magic
+formula."""
 EFFECTS = (
     *("combined", "temperature", "temperature_energy", "roll_gradient", "roll_frequency", "roll_damping"),
     *("steer_delay", "steer_lag", "steer_rate", "steer_offset", "steer_ratio", "steer_backlash"),
     *("drive_lag", "drive_most", "drive_corner", "drive_gain", "brake_bias", "slope", "bank"),
     *("wind", "wind_direction", "downforce"),
 )
-"""What may be withheld, see `effects`."""
+"""Effects that may be withheld, see `families`."""
 OUTSIDE = (
     *("brake_pull", "soft_side", "aligning_compliance", "roll_steer", "locked_axle", "assist_fade", "camber_thrust"),
     *("crosswind", "sinking_voltage", "floor_patches"),
 )
-"""What is outside the vocabulary."""
+"""Effects outside the vocabulary."""
 FIELDS = (*CHASSIS, *FORMS, *EFFECTS, *OUTSIDE)
 _RECORD = np.dtype([(name, np.float64) for name in FIELDS])
 _NEUTRAL = {"steer_rate": np.inf, "drive_most": np.inf, "drive_corner": np.inf, "steer_ratio": 1.0, "drive_gain": 1.0}
@@ -68,15 +68,15 @@ _NEUTRAL |= {
 Record: TypeAlias = Any
 """A numpy record with the fields of `FIELDS`."""
 
-_F = 10  # lateral forces of the four wheels as built up
+_F = 10  # lateral forces of the four wheels after relaxation
 (_STEER, _STEER_RATE, _PLAY, _DRIVE, _ROLL, _ROLL_RATE, _HEAT, _A_X, _A_Y, _TIME) = range(14, 24)
 _LIMITED, _GUST = 24, 25
 STATES = 26
-"""Motion as `layout` has it in the first six places; what is built up in tyres, servo, drive and body."""
+"""Motion as in `layout` at the first six indices; then states of tyres, servo, drive and body."""
 
 
 def record(numbers: Mapping[str, float]) -> Record:
-    """The vehicle as compiled code reads it; what is not given is neutral."""
+    """The vehicle as a record for compiled code; missing numbers are neutral."""
     made: Record = np.zeros(1, _RECORD)[0]
     for name in FIELDS:
         made[name] = numbers.get(name, _NEUTRAL.get(name, 0.0))
@@ -85,14 +85,14 @@ def record(numbers: Mapping[str, float]) -> Record:
 
 @compiled
 def curve(tyre: int, s: float, place: float, C: float, E: float) -> float:
-    """Force over friction times load, at a slip over that at which a linear tyre would reach it."""
+    """Force over friction times load, at a slip relative to that at which a linear tyre would reach it."""
     size = abs(s)
     if tyre == 0:  # Fiala: brush with parabolic pressure
         z = min(size / 3.0, 1.0)
         g = 1.0 - (1.0 - z) ** 3
     elif tyre == 1:
         g = 1.0 - exp(-size)
-    elif tyre == 2:  # TMeasy up to its peak; beyond, a slow fall to nine tenths
+    elif tyre == 2:  # TMeasy up to its peak; beyond, a slow decrease to nine tenths
         if size < place:
             u = size / place
             g = size / (1.0 + u * (u + place - 2.0))
@@ -110,7 +110,7 @@ def curve(tyre: int, s: float, place: float, C: float, E: float) -> float:
 
 @compiled
 def _motion(car: Record, s: Row, steer: float, force: float, rate: Row, seen: Row) -> None:
-    """d(motion)/dt to `rate`, (10 + 4,), and what is seen, (8,) in the order of `layout.READABLE`."""
+    """Write d(motion)/dt to `rate`, (10 + 4,), and observed quantities to `seen`, (8,), as in `layout.READABLE`."""
     v_x, v_y, r, yaw = s[0], s[1], s[2], s[5]
     L, weight = car.l_f + car.l_r, car.m * G
     down = car.downforce * v_x * v_x
@@ -164,7 +164,7 @@ def _motion(car: Record, s: Row, steer: float, force: float, rate: Row, seen: Ro
         mu, slope = mu * lasting, slope * lasting
         peak = mu * load
         strength = car.ellipse + car.combined
-        if strength > 0.0:  # the longitudinal force takes from the peak, not from the slope
+        if strength > 0.0:  # the longitudinal force reduces the peak, not the slope
             peak *= sqrt(max(1.0 - (strength * F_l / max(peak, 1e-9)) ** 2, 0.04))
         steady = peak * curve(int(car.tyre), slope * load * slip / max(peak, 1e-9), car.peak_place, C, E)
         steady += car.camber_thrust * load * side * a_y / G
@@ -212,9 +212,9 @@ _INTEGRATED = np.array([0, 1, 2, 3, 4, 5, _F, _F + 1, _F + 2, _F + 3, _ROLL, _RO
 
 @compiled
 def arriving(commands: Grid, column: int, row: int, within: float, period: float, delay: float, linear: bool) -> float:
-    """The command that arrives so many seconds after a row: that of a while ago, held from row to row or run straight.
+    """The command that arrives at a time after a row: with delay, and held or linear between rows.
 
-    Where it runs straight, the row after must be known already.
+    If it is linear, the next row must be known already.
     """
     place = (within - delay) / period
     behind = int(np.floor(place + 1e-9))
@@ -227,13 +227,13 @@ def arriving(commands: Grid, column: int, row: int, within: float, period: float
 
 @compiled
 def servo(car: Record, s: Row, requested: float) -> float:
-    """Road-wheel angle after a step: play, a limited rate, and a servo of second order that is as late as stated."""
+    """Road-wheel angle after a step: play, rate limit, and a second-order servo with the stated delay."""
     s[_PLAY] = min(max(s[_PLAY], requested - car.steer_backlash), requested + car.steer_backlash)
     target = s[_PLAY]
     most = car.steer_rate * STEP
     s[_LIMITED] += min(max(target - s[_LIMITED], -most), most)
     time = car.steer_time + car.steer_lag
-    if time > 0.0:  # two equal lags in a row
+    if time > 0.0:  # two equal lags in series
         keep = exp(-STEP / (0.5 * time))
         s[_STEER_RATE] = s[_LIMITED] + (s[_STEER_RATE] - s[_LIMITED]) * keep
         s[_STEER] = s[_STEER_RATE] + (s[_STEER] - s[_STEER_RATE]) * keep
@@ -244,7 +244,7 @@ def servo(car: Record, s: Row, requested: float) -> float:
 
 @compiled
 def motor(car: Record, s: Row, requested: float) -> float:
-    """Force after a step: gain, what the motor can at its speed, and a lag."""
+    """Force after a step: gain, limit of the motor at its speed, and a lag."""
     force = requested * car.force_per_unit * car.drive_gain * (1.0 - car.sinking_voltage * s[_TIME] / 60.0)
     if force > 0.0 and car.drive_most < np.inf:
         most = car.m * car.drive_most / (1.0 + (max(s[0], 0.0) / car.drive_corner) ** 8) ** 0.125
@@ -257,7 +257,7 @@ def motor(car: Record, s: Row, requested: float) -> float:
 
 @compiled
 def advance(car: Record, s: Row, commands: Grid, row: int, steps: int, period: float, gusts: Row, out: Any) -> None:
-    """A row of steps: Runge-Kutta of fourth order; what is readable at both ends of each goes to out, (steps, 2, 8)."""
+    """Simulate the steps of a row by fourth-order Runge-Kutta; write readings at both ends of each to `out`."""
     k1, k2, k3, k4 = np.zeros(STATES), np.zeros(STATES), np.zeros(STATES), np.zeros(STATES)
     seen, between = np.zeros(8), s.copy()
     for step in range(steps):
@@ -286,13 +286,13 @@ def advance(car: Record, s: Row, commands: Grid, row: int, steps: int, period: f
         for k in _INTEGRATED:
             s[k] += STEP / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k])
         s[_TIME] += STEP
-        if step == steps - 1:  # what comes next may jump
+        if step == steps - 1:  # the next step may begin with a jump
             _motion(car, s, steer, force, k4, seen)
             out[step, 1] = seen
 
 
 def at_start(v_x: float, v_y: float, yaw_rate: float, steer: float, drive: float, car: Record) -> Row:
-    """The vehicle at the first moment, its commands long in force."""
+    """Initial state of the vehicle, with constant commands before."""
     s = at_rest(steer, drive, car)
     s[0], s[1], s[2] = v_x, v_y, yaw_rate
     _starter()(car, s)
@@ -300,7 +300,7 @@ def at_start(v_x: float, v_y: float, yaw_rate: float, steer: float, drive: float
 
 
 def at_rest(steer: float, drive: float, car: Record) -> Row:
-    """Servo and motor with commands long in force; no motion."""
+    """State of servo and motor with constant commands before; no motion."""
     s = np.zeros(STATES)
     s[_PLAY] = s[_LIMITED] = s[_STEER] = s[_STEER_RATE] = steer * car["steer_ratio"] + car["steer_offset"]
     s[_DRIVE] = drive * car["force_per_unit"] * car["drive_gain"]
@@ -308,12 +308,12 @@ def at_rest(steer: float, drive: float, car: Record) -> Row:
 
 
 class DoubleTrack:
-    """The simulator with a vehicle in it; see `vehicles.Reality`.
+    """The simulator with a vehicle; see `vehicles.Reality`.
 
     Parameters
     ----------
-    numbers : of `FIELDS`; what is not given is neutral.
-    gusts : (n,) of unit variance, one each 20 steps.
+    numbers : of `FIELDS`; missing ones are neutral.
+    gusts : (n,) of unit variance, one per 20 steps.
     """
 
     def __init__(self, numbers: Mapping[str, float], gusts: Row | None = None) -> None:
@@ -333,7 +333,7 @@ class DoubleTrack:
 
 @cache
 def simulator() -> Any:
-    """The whole drive in machine code, which is kept."""
+    """The whole drive in machine code, which is cached."""
     key = source(), Path(__file__).read_bytes()
 
     def run(
@@ -364,7 +364,7 @@ def _starter() -> Any:
     def settle(car: Record, s: Row) -> None:
         assert key
         rate, seen = np.zeros(STATES), np.zeros(8)
-        for _ in range(30):  # loads and accelerations together, and tyres built up
+        for _ in range(30):  # until loads, accelerations and relaxation agree
             _motion(car, s, s[_STEER], s[_DRIVE], rate, seen)
             s[_A_X], s[_A_Y] = seen[3], seen[4]
             if car.relaxation > 1e-6:

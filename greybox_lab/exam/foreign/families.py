@@ -1,7 +1,7 @@
-"""The families of foreign vehicles: which simulator, what it serves, and which effects it can be made to have.
+"""Families of foreign vehicles: their simulators, their use, and the effects that they can have.
 
-What may be withheld has the names and magnitudes of the vocabulary. The numbers of a vehicle (`double_track.FIELDS`)
-change as the effect says; each simulator then makes them its own.
+Withheld effects have the names and magnitudes of the vocabulary. They change the numbers of a vehicle
+(`double_track.FIELDS`), which each simulator converts to its own.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _FACTORS = {
     "steering_ratio": ("steer_ratio",),
     "motor_gain": ("drive_gain",),
 }
-"""Effect -> numbers that are times its magnitude."""
+"""Effect -> numbers that are multiplied by its magnitude."""
 _SUMMANDS = {
     "tyre_relaxation": "relaxation",
     "combined_slip": "combined",
@@ -56,7 +56,7 @@ _SUMMANDS = {
     "wind_gust": "wind",
     "downforce": "downforce",
 }
-"""Effect -> the number to which its magnitude is added."""
+"""Effect -> number to which its magnitude is added."""
 _LIMITS = {"steering_rate_limit": "steer_rate", "motor_saturation": "drive_most"}
 _ONES = ("steer_ratio", "drive_gain")
 
@@ -87,28 +87,28 @@ _SENSORS_OUTSIDE = (
     *("wheel_pulses", "slip_speed_error", "dead_stretches"),
 )
 OUTSIDE = {entry.name: entry for entry in _OUTSIDE} | {name: KNOWN_OUTSIDE[name] for name in _SENSORS_OUTSIDE}
-"""What is outside the vocabulary."""
+"""Effects outside the vocabulary."""
 ENTRIES = VOCABULARY | OUTSIDE
 
 OF_SENSORS = tuple(name for name in OF_THE_SENSORS if name in ENTRIES)
-"""Effects of the sensors, which every simulator has."""
+"""Effects of the sensors, which are available for all simulators."""
 NOT_OF_SLIPX = ("load_sensitivity", "tyre_temperature", "downforce", "brake_bias")
-"""Its height shifts loads to the side and along at once; it has no warm tyres, no lift, and brakes by its motor."""
+"""Effects that SlipX lacks: its height shifts loads in both directions; no warm tyres, no lift, motor braking."""
 
 
 def magnitude(name: str, car: VirtualCar, rng: np.random.Generator) -> float:
-    """A plausible and visible magnitude."""
+    """A plausible and detectable magnitude."""
     return float(ENTRIES[name].draw(car.size, car.kind, rng))
 
 
 def withheld(numbers: Mapping[str, float], effects: Mapping[str, float], car: VirtualCar) -> dict[str, float]:
-    """The numbers of a vehicle that has effects; those of its sensors are passed over.
+    """The numbers of a vehicle with effects; effects of sensors are ignored.
 
     Parameters
     ----------
-    numbers : of the vehicle without.
-    effects : magnitudes, and second parameters.
-    car : says how large and fast it is.
+    numbers : of the vehicle without them.
+    effects : magnitudes, and further parameters of effects.
+    car : determines size and speed.
     """
     size, result = car.size, dict(numbers)
     for name, value in effects.items():
@@ -131,7 +131,7 @@ def withheld(numbers: Mapping[str, float], effects: Mapping[str, float], car: Vi
 
 
 def together(*several: Mapping[str, float]) -> dict[str, float]:
-    """Effects acting together: factors multiply, what is added adds, of limits the smallest holds."""
+    """Effects acting together: factors are multiplied, offsets added, and of limits the smallest holds."""
     outside = {name: value for item in several for name, value in item.items() if name in OUTSIDE}
     return combined(*({k: v for k, v in item.items() if k not in OUTSIDE} for item in several)) | outside
 
@@ -145,11 +145,11 @@ class Family:
 
     Attributes
     ----------
-    draw : a vehicle of it.
-    build : numbers, and gusts of unit variance -> the simulator with that vehicle in it.
-    effects, outside : that it can be made to have.
+    draw : draws a vehicle.
+    build : numbers, and gusts of unit variance -> simulator with that vehicle.
+    effects, outside : effects that its vehicles can have.
     nature : effects of the vocabulary that all its vehicles have.
-    rough : whether the file that is handed out is off by more than it states, see `roughened`.
+    rough : whether the file that is handed out has larger errors than stated, see `roughened`.
     """
 
     draw: Draw
@@ -172,7 +172,7 @@ _SLIPX = Family(
 )
 
 NOT_OF_SPRINGS = (*NATURE, "tyre_temperature", "motor_saturation", "wind_gust")
-"""What a car on springs has anyway, and what it has no parameter for."""
+"""Effects that are inherent to a car with suspension, and those for which it has no parameter."""
 _SUSPENDED = Family(
     drawn_suspended,
     lambda numbers, _: SuspendedCar(numbers),
@@ -182,16 +182,16 @@ _SUSPENDED = Family(
     True,
 )
 PEAKS, WHEELBASE, INERTIA = (0.05, 0.10), (0.02, 0.04), (0.10, 0.20)
-"""By how much of themselves numbers of a rough file are off: tyres' peaks, and either the wheelbase or I_z."""
+"""Relative errors of numbers in a rough file: tyres' peaks, and either the wheelbase or I_z."""
 
 
 def roughened(car: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, tuple[str, ...]]:
-    """A vehicle as a rough file states it, and effects of the vocabulary that amount to an error of it."""
+    """A vehicle as a rough file states it, and effects of the vocabulary that are equivalent to its errors."""
     p, off = dict(car.parameters), list[str]()
     sides = rng.choice([-1.0, 1.0], 3)
     for axle, side in zip("fr", sides, strict=False):
         factor = 1.0 + side * float(rng.uniform(*PEAKS))
-        p[f"D_{axle}"], p[f"B_{axle}"] = p[f"D_{axle}"] * factor, p[f"B_{axle}"] / factor  # slopes are easily told
+        p[f"D_{axle}"], p[f"B_{axle}"] = p[f"D_{axle}"] * factor, p[f"B_{axle}"] / factor  # slopes are easily measured
     if sides[0] == sides[1]:
         off.append("grip_scale")
     if rng.random() < 0.5:
@@ -204,7 +204,7 @@ def roughened(car: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, tu
 
 
 VIRTUAL = "workshop"
-"""Among families, the virtual vehicle with tolerances and other forms."""
+"""Name used as a family for the virtual vehicle with tolerances and other forms."""
 
 FAMILIES: Mapping[str, Family] = {
     "fiala": _double_track(0, "fiala"),
@@ -215,22 +215,22 @@ FAMILIES: Mapping[str, Family] = {
     "slipx": _SLIPX,
     "suspended": _SUSPENDED,
 }
-"""Every family; the double tracks go by the shape of their tyres."""
+"""All families; the double tracks are named by the shape of their tyres."""
 DEVELOPMENT = ("fiala", "exponential")
-"""Families that thresholds may be calibrated on."""
+"""Families for the calibration of thresholds."""
 EXAMINATION = ("tmeasy", "rational", "dugoff", "slipx")
-"""Families that examine, and nothing else."""
+"""Families for examinations only."""
 ROUGH = ("suspended",)
-"""Families whose files are rough, which examine alone."""
+"""Families with rough files, for examinations only."""
 SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION, "rough": ROUGH}
 
 
 def families(target: Sequence[str]) -> tuple[str, ...]:
-    """Names of families, sets of them spelt out.
+    """Names of families, with sets expanded.
 
     Raises
     ------
-    BadInput : there is no such family.
+    BadInput : if a family is unknown.
     """
     result: dict[str, None] = {}
     for name in target or ("examination",):
@@ -241,12 +241,12 @@ def families(target: Sequence[str]) -> tuple[str, ...]:
 
 
 def able(names: Sequence[str], effects: Sequence[str]) -> tuple[str, ...]:
-    """Those of some families that can be made to have all of these effects."""
+    """The families that can have all of these effects."""
     return tuple(name for name in names if set(effects) <= {*FAMILIES[name].effects, *FAMILIES[name].outside})
 
 
 def gusts(rows: int, seed: int) -> Row:
-    """Gusts of unit variance, one each 20 ms, that change within a second; (rows,)."""
+    """Gusts of unit variance, one per 20 ms, with a correlation time of 0.8 s; (rows,)."""
     rng, keeps = np.random.default_rng((seed, 7, 4099)), np.exp(-0.02 / 0.8)
     shocks, values = rng.standard_normal(rows), np.zeros(rows)
     for k in range(1, rows):
@@ -255,14 +255,14 @@ def gusts(rows: int, seed: int) -> Row:
 
 
 def dealt_out(counts: Counts, tier: Tier, seed: int, target: Sequence[str]) -> tuple[Planned, ...]:
-    """Cases of an examination on foreign vehicles, each of a family that can be made to have its effects.
+    """Cases of an examination with foreign vehicles, each of a family that can have its effects.
 
     Parameters
     ----------
-    counts : how many of each kind.
+    counts : number of each kind.
     tier : of all of them.
-    seed : says which.
-    target : families or sets of them; none are those of the examination, and `VIRTUAL` where there are many effects.
+    seed : of the plan.
+    target : families or sets of them; by default those of the examination, and `VIRTUAL` for many effects.
     """
     virtual = tier == "many" and (not target or VIRTUAL in target)
     requested = [name for name in target if name != VIRTUAL]
@@ -277,6 +277,6 @@ def dealt_out(counts: Counts, tier: Tier, seed: int, target: Sequence[str]) -> t
     result = []
     for item in cases:
         fit = able(names, item.effects)
-        turn = virtual and (not fit or item.number % 2 == 0)  # half of them are the virtual vehicle's
+        turn = virtual and (not fit or item.number % 2 == 0)  # half of them use the virtual vehicle
         result.append(replace(item, family="" if turn else str(rng.choice(fit))))
     return tuple(result)

@@ -1,7 +1,7 @@
 """SlipX, tier L2: a 1:10 car in C++ with thirteen states, load transfer, relaxation, battery and a servo.
 
-Source: the SlipX authors, slipx 0.2 (Apache-2.0), from the package index. What it has no parameter for acts between its
-steps: slope, bank and wind as accelerations, delays and play on the commands.
+Source: the SlipX authors, slipx 0.2 (Apache-2.0), from the package index. Effects for which it has no parameter are
+applied between its steps: slope, bank and wind as accelerations, delays and play to the commands.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from ..case import NotInstalled
 from .vehicles import Stepwise
 
 FASTEST_SERVO, SHORTEST = 1.5e-3, 0.8e-3
-"""Time constant, s, and relaxation, s at the speed it is driven at most, below which its steps are too coarse."""
+"""Time constant, s, and relaxation, s at the top speed, below which the steps of the simulator are too coarse."""
 _DAMPING = 0.7
 
 
 def arriving(commands: Grid, column: int, row: int, within: float, period: float, delay: float) -> float:
-    """The command that arrives so many seconds after a row, running straight from row to row."""
+    """The command that arrives at a time after a row, linearly interpolated between rows."""
     place = (within - delay) / period
     behind = floor(place)
     at = row + behind
@@ -39,7 +39,7 @@ def slipx_module() -> Any:
 
     Raises
     ------
-    NotInstalled : it is not.
+    NotInstalled : if it is not installed.
     """
     try:
         import slipx
@@ -51,11 +51,11 @@ def slipx_module() -> Any:
 
 
 class SlipxCar(Stepwise):
-    """The simulator with a vehicle in it; see `vehicles.Reality`.
+    """The simulator with a vehicle; see `vehicles.Reality`.
 
     Parameters
     ----------
-    numbers : as of `double_track.FIELDS`, and top_speed [m/s]; those of `UNABLE` must be neutral.
+    numbers : as of `double_track.FIELDS`, and top_speed [m/s]; those of `families.NOT_OF_SLIPX` must be neutral.
     """
 
     def __init__(self, numbers: Mapping[str, float]) -> None:
@@ -87,7 +87,7 @@ class SlipxCar(Stepwise):
         p.regen_current_max, p.torque_stall, p.omega_free, p.pack_internal_resistance = 1e6, 1e6, 1e6, 0.0
         p.pack_v_full = p.pack_v_empty = p.pack_nominal_v
         p.pack_capacity_ah = 1e9
-        if n.get("drive_most", inf) < inf:  # what the current allows, and from the corner on what the voltage does
+        if n.get("drive_most", inf) < inf:  # limited by the current, and from the corner speed on by the voltage
             p.current_max = n["drive_most"] * n["m"] * n["wheel_radius"]
             p.omega_free = 2.2 * n["drive_corner"] / n["wheel_radius"]
             p.torque_stall = p.current_max / (1.0 - 1.0 / 2.2)
@@ -98,7 +98,7 @@ class SlipxCar(Stepwise):
         self.state: Row = np.zeros(6)
 
     def begin(self, start: tuple[float, ...], steer: float, drive: float) -> None:
-        """Start in motion, the commands long in force."""
+        """Start in motion, with constant commands before."""
         n, (v_x, v_y, yaw_rate) = self._n, start
         s = self._state = self._slipx.VehicleState()
         s.vel_body.x, s.vel_body.y, s.rates.z = v_x, v_y, yaw_rate
@@ -113,7 +113,7 @@ class SlipxCar(Stepwise):
         self.state = np.array([v_x, v_y, yaw_rate, 0.0, 0.0, 0.0])
 
     def advance(self, commands: Grid, row: int, steps: int, period: float, out: Any) -> None:
-        """Carry out a row of commands."""
+        """Simulate one row with its commands."""
         n, s, seen, requested = self._n, self._state, self._seen, self._input
         delay = n.get("steer_delay", 0.0)
         play, lag, step = n.get("steer_backlash", 0.0), self._lag, self._model.step
@@ -138,7 +138,7 @@ class SlipxCar(Stepwise):
             a_x, a_y, yaw_acceleration = seen.ax, seen.ay, (s.yaw_rate - r) / STEP
             if along or across or wind:
                 push_x, push_y = -along * STEP, -across * STEP
-                if wind:  # the simulator has the drag of still air
+                if wind:  # the simulator has drag in still air only
                     yaw = s.yaw
                     air_x, air_y = v.x - wind * cos(towards - yaw), v.y - wind * sin(towards - yaw)
                     more_x = (c_2 * abs(v.x) * v.x - c_2 * hypot(air_x, air_y) * air_x) / m

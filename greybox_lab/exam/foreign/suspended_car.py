@@ -1,10 +1,10 @@
-"""A car on springs: a body that heaves, rolls and pitches, four wheels that hop, rotate and leave the ground.
+"""A car with suspension: a body that heaves, rolls and pitches, four wheels that hop, rotate and leave the ground.
 
-Its own equations, with nothing of `models`: ride and roll after Milliken & Milliken, Race Car Vehicle Dynamics, ch. 16
-to 18 (springs, anti-roll bars, roll centres, what links carry past the springs); tyres after Burckhardt,
-Fahrwerktechnik: Radschlupf-Regelsysteme (1993), on one slip for both directions, whose deflection takes a relaxation
-length to build up (Pacejka, Tire and Vehicle Dynamics, ch. 5), with friction that falls as loads grow. It has by its
-nature what `NATURE` names, and much that no effect of the vocabulary describes. ISO 8855 axes, SI units.
+Its equations share nothing with `models`: ride and roll after Milliken & Milliken, Race Car Vehicle Dynamics, ch. 16
+to 18 (springs, anti-roll bars, roll centres, forces through links); tyres after Burckhardt, Fahrwerktechnik:
+Radschlupf-Regelsysteme (1993), on one slip for both directions, with a relaxation length of their deflection (Pacejka,
+Tire and Vehicle Dynamics, ch. 5), and friction that decreases with load. The effects in `NATURE` are inherent to it, as
+are many that no effect of the vocabulary describes. ISO 8855 axes, SI units.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from .double_track import G, Record, arriving, at_rest, motor, record, servo
 from .vehicles import Stepwise
 
 NATURE = ("roll_dynamics", "load_sensitivity", "longitudinal_load_transfer", "combined_slip", "tyre_relaxation")
-"""Effects of the vocabulary that every such car has: to name them is never wrong."""
+"""Effects of the vocabulary that every such car has, so that naming them is never wrong."""
 FIELDS = (
     *("ride", "hop", "damping", "gradient", "roll_share", "roll_centre", "anti_dive", "fall", "past_peak"),
     *("unsprung", "deflection", "bump_steer"),
 )
-"""What is drawn of a car beside `double_track.CHASSIS`: frequencies of ride and wheel hop [Hz], damping over critical,
+"""Random numbers of a car in addition to `double_track.CHASSIS`: frequencies of ride and wheel hop [Hz], damping ratio,
 roll angle per lateral acceleration [rad s^2/m], front share of the roll stiffness, height of the roll centres over that
-of the centre of gravity, share of the pitching moment that links carry, exponent with which friction falls as load
-grows, friction lost per unit of slip beyond the peak, share of the mass that is not sprung, relaxation length [m], and
-toe per travel of the front springs [rad/m]."""
+of the centre of gravity, share of the pitching moment that links carry, exponent with which friction decreases with
+load, friction lost per unit of slip beyond the peak, share of unsprung mass, relaxation length [m], and toe per travel
+of the front springs [rad/m]."""
 
 _V_X, _V_Y, _R, _X, _Y, _YAW, _Z, _W, _ROLL, _ROLL_RATE, _PITCH, _PITCH_RATE = range(12)
 _HOP, _HOP_RATE, _SPIN, _ACROSS, _ALONG = 12, 16, 20, 24, 28
@@ -42,7 +42,7 @@ _STATES = 32
 
 
 class _Car(NamedTuple):
-    """A car as compiled code reads it; arrays are of the wheels: front left, front right, rear left, rear right."""
+    """A car for compiled code; arrays are by wheel: front left, front right, rear left, rear right."""
 
     m: float
     sprung: float
@@ -79,7 +79,7 @@ class _Car(NamedTuple):
 
 
 def _burckhardt(slope: float, c_3: float) -> tuple[float, float]:
-    """c_1 and c_2 of the curve that begins with a slope and has a peak of one."""
+    """c_1 and c_2 of the curve with a given initial slope and a peak of one."""
     c_1 = 1.05
     for _ in range(40):
         c_2 = (slope + c_3) / c_1
@@ -88,7 +88,7 @@ def _burckhardt(slope: float, c_3: float) -> tuple[float, float]:
 
 
 def _car(n: Mapping[str, float]) -> _Car:
-    """A car of the numbers that `double_track.CHASSIS`, its effects and `FIELDS` name."""
+    """A car from numbers named by `double_track.CHASSIS`, its effects and `FIELDS`."""
     m, L = n["m"], n["l_f"] + n["l_r"]
     unsprung = 0.25 * n["unsprung"] * m * np.ones(4)
     x = np.array([n["l_f"], n["l_f"], -n["l_r"], -n["l_r"]])
@@ -98,7 +98,7 @@ def _car(n: Mapping[str, float]) -> _Car:
     spring = corner * (2 * np.pi * n["ride"]) ** 2
     lever = n["h_cg"] * (1.0 - n["roll_centre"])
     stiff = (m - 4 * unsprung[0]) * lever * (1.0 / n["gradient"] + G)
-    lacking = max(stiff - float(np.sum(spring * y**2)), 0.0)  # what anti-roll bars add to the springs
+    lacking = max(stiff - float(np.sum(spring * y**2)), 0.0)  # contribution of anti-roll bars
     share = np.array([n["roll_share"]] * 2 + [1.0 - n["roll_share"]] * 2)
     tyre = float(np.mean(unsprung)) * (2 * np.pi * n["hop"]) ** 2
     curves = [_burckhardt(n[f"slope_{axle}"] / n[f"mu_{axle}"], n["past_peak"]) for axle in "ffrr"]
@@ -117,7 +117,7 @@ def _car(n: Mapping[str, float]) -> _Car:
 
 @compiled
 def _motion(car: _Car, s: Row, steer: float, force: float, rate: Row, seen: Row) -> None:
-    """ds/dt to `rate`, and what is seen, (8,) in the order of `layout.READABLE`."""
+    """Write ds/dt to `rate`, and observed quantities to `seen`, (8,), in the order of `layout.READABLE`."""
     v_x, v_y, r = s[_V_X], s[_V_Y], s[_R]
     front = car.drive_front if force >= 0.0 else car.brake_front
     F_x, F_y, M_z, up, roll_moment, pitch_moment = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -153,7 +153,7 @@ def _motion(car: _Car, s: Row, steer: float, force: float, rate: Row, seen: Row)
         M_z += car.x[k] * Y - car.y[k] * X
         across_axle[k // 2] += Y
         along_wheel[k] = X
-    for k in range(4):  # what links carry past the springs
+    for k in range(4):  # forces through links instead of springs
         side = 1.0 if car.y[k] > 0.0 else -1.0
         carried = -side * across_axle[k // 2] * car.centre / (2.0 * abs(car.y[k]))
         carried -= (1.0 if k < 2 else -1.0) * 0.5 * car.anti_dive * F_x * car.height / car.L
@@ -183,7 +183,7 @@ def _motion(car: _Car, s: Row, steer: float, force: float, rate: Row, seen: Row)
 
 @cache
 def _stepper() -> Any:
-    """A row of steps in machine code, which is kept: Runge-Kutta of fourth order."""
+    """The steps of a row in machine code, which is cached: fourth-order Runge-Kutta."""
     key = source(), Path(__file__).read_bytes()
 
     def row(
@@ -207,7 +207,7 @@ def _stepper() -> Any:
             for k in range(_STATES):
                 s[k] += STEP / 6.0 * (k1[k] + 2.0 * k2[k] + 2.0 * k3[k] + k4[k])
             for k in range(4):
-                s[_SPIN + k] = max(s[_SPIN + k], 0.0)  # a locked wheel does not turn back
+                s[_SPIN + k] = max(s[_SPIN + k], 0.0)  # a locked wheel does not turn backwards
             if step == steps - 1:
                 _motion(car, s, steer, force, k4, seen)
                 out[step, 1] = seen
@@ -216,7 +216,7 @@ def _stepper() -> Any:
 
 
 class SuspendedCar(Stepwise):
-    """The simulator with a vehicle in it; see `vehicles.Reality`.
+    """The simulator with a vehicle; see `vehicles.Reality`.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ class SuspendedCar(Stepwise):
         self.state: Row = np.zeros(6)
 
     def begin(self, start: tuple[float, ...], steer: float, drive: float) -> None:
-        """Start in motion, the commands long in force."""
+        """Start in motion, with constant commands before."""
         v_x, v_y, yaw_rate = start
         s, self._now = np.zeros(_STATES), at_rest(steer, drive, self._acts)
         s[_V_X], s[_V_Y], s[_R] = v_x, v_y, yaw_rate
@@ -240,6 +240,6 @@ class SuspendedCar(Stepwise):
         self._s, self.state = s, s[:6].copy()
 
     def advance(self, commands: Grid, row: int, steps: int, period: float, out: Any) -> None:
-        """Carry out a row of commands."""
+        """Simulate one row with its commands."""
         _stepper()(self._car, self._acts, self._s, self._now, commands, row, steps, period, out)
         self.state = self._s[:6].copy()

@@ -1,4 +1,4 @@
-"""Foreign vehicles: drawn about typical numbers of their class, each in the form of its simulator."""
+"""Foreign vehicles: random typical numbers of their class, each in the form of its simulator."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from ...virtual.virtual_vehicle.layout import FOLLOW, STATES, Grid, Row, source
 
 @dataclass(frozen=True)
 class Task:
-    """What a driver is to do; see `datasets.virtual_vehicle.driver`.
+    """Task of a driver; see `virtual.virtual_vehicle.driver`.
 
     Attributes
     ----------
     knows : what the driver knows of the vehicle.
-    road, spacing, plan : as `driver.decide` takes them; a plan of a robot's has its commands.
-    hold, period : steps of 1 ms between rows, and s.
+    road, spacing, plan : as in `driver.decide`; the plan of a robot contains its commands.
+    hold, period : steps of 1 ms between rows, and time between them, s.
     """
 
     knows: Driver
@@ -37,43 +37,43 @@ class Task:
 
     @property
     def by_robot(self) -> bool:
-        """Whether commands stand in the plan."""
+        """Whether the plan contains the commands."""
         return bool(self.plan[0, FOLLOW] < 0.0)
 
 
 class Reality(Protocol):
-    """A simulator with a vehicle in it.
+    """A simulator with a vehicle.
 
     Attributes
     ----------
-    linear_hold : whether commands run straight from row to row; else they are held.
+    linear_hold : whether commands are linear between rows; otherwise they are held.
     """
 
     linear_hold: bool
 
     def carry_out(self, task: Task, start: tuple[float, ...], commands: Grid, out: Any) -> None:
-        """Carry out a task from a motion on: v_x, v_y, yaw_rate, the first commands long in force.
+        """Carry out a task from an initial v_x, v_y, yaw_rate, with constant commands before.
 
         Parameters
         ----------
-        commands : (rows, 2) steering and drive, as they stand in a robot's plan; what a driver decides is written here.
-            Commands that run straight from row to row are decided a row before they are reached.
-        out : (rows * hold, 2, 8) what can be read at the beginning and the end of each step, as in `layout.READABLE`.
+        commands : (rows, 2) steering and drive, as in a robot's plan; decisions of a driver are written here. Commands
+            that are linear between rows are decided one row ahead.
+        out : (rows * hold, 2, 8) motion at the beginning and the end of each step, as in `layout.READABLE`.
         """
 
 
 class Stepwise:
-    """A reality that is called once a row."""
+    """A simulator that is called once per row."""
 
     linear_hold = True
     state: Row
 
     def begin(self, start: tuple[float, ...], steer: float, drive: float) -> None:
-        """Start in motion, the commands long in force."""
+        """Start in motion, with constant commands before."""
         raise NotImplementedError
 
     def advance(self, commands: Grid, row: int, steps: int, period: float, out: Any) -> None:
-        """Carry out a row of commands, and leave v_x, v_y, yaw_rate, x, y, yaw in `state`."""
+        """Simulate one row with its commands; leaves v_x, v_y, yaw_rate, x, y, yaw in `state`."""
         raise NotImplementedError
 
     def carry_out(self, task: Task, start: tuple[float, ...], commands: Grid, out: Any) -> None:
@@ -91,7 +91,7 @@ class Stepwise:
 
 @cache
 def decider() -> Any:
-    """The driver, kept in machine code."""
+    """The driver in machine code, which is cached."""
     key = source()
 
     def decided(
@@ -110,8 +110,8 @@ class ForeignVehicle:
     Attributes
     ----------
     family : the simulator, see `families`.
-    numbers : mass, geometry, tyres, resistance and drive as in `double_track.CHASSIS`, and what is the simulator's own.
-    about : the same vehicle as a single track roughly is, for its scale, sensors, driver and drive channel.
+    numbers : mass, geometry, tyres, resistance and drive as in `double_track.CHASSIS`, and those of the simulator.
+    about : approximately the same vehicle as a single track, for its scale, sensors, driver and drive channel.
     """
 
     family: str
@@ -122,13 +122,13 @@ class ForeignVehicle:
 Draw = Callable[[np.random.Generator, int], ForeignVehicle]
 
 TRACE = 0.1
-"""Over the least magnitude that is withheld of an effect: no more of it is there on a vehicle that lacks nothing, so
-that to name it would be wrong, as it is not there at a size that anybody asks for."""
+"""Largest size of an effect in vehicles without withheld effects, relative to the least magnitude that is withheld: to
+name it is wrong at this size."""
 KINDS: tuple[Kind, ...] = ("car", "racer", "sports", "truck")
 
 
 def chassis(car: VirtualCar) -> dict[str, float]:
-    """What `double_track.CHASSIS` says of a vehicle: stiffness and friction of its tyres, and the rest as it is."""
+    """Numbers of `double_track.CHASSIS` for a vehicle: stiffness and friction of its tyres, and others unchanged."""
     p = car.parameters
     result = {name: p[name] for name in ("m", "I_z", "l_f", "l_r", "h_cg", "track_f", "track_r", "c_0", "c_1", "c_2")}
     result |= {name: p[name] for name in ("drive_split_front", "brake_split_front", "force_per_unit", "wheel_radius")}
@@ -139,30 +139,30 @@ def chassis(car: VirtualCar) -> dict[str, float]:
 
 
 def drawn_car(rng: np.random.Generator, kind: Kind) -> VirtualCar:
-    """A vehicle of a class; its name does not tell which seed it is of."""
+    """A random vehicle of a class, whose name does not reveal its seed."""
     car = random_vehicle(int(rng.integers(2**31)), kind)
     return replace(car, name=car.kind)
 
 
 def single_track(car: VirtualCar, linear_hold: bool) -> dict[str, float]:
-    """What is stated of a vehicle, as numbers of `double_track`: no width and no height, tyres by the magic formula."""
+    """The stated vehicle as numbers of `double_track`: no width and no height, tyres by the magic formula."""
     p = car.parameters
     flat = {"h_cg": 0.0, "track_f": 1e-6, "track_r": 1e-6, "tyre": 5.0, "linear_hold": float(linear_hold)}
     return {**chassis(car), **flat, **{f"{name}_{axle}": p[f"{name}_{axle}"] for name in "CE" for axle in "fr"}}
 
 
 def _trace(effect: str, rng: np.random.Generator) -> float:
-    """How much of an effect every vehicle has, whether it is withheld or not."""
+    """Size of an effect in every vehicle, whether it is withheld or not."""
     return float(rng.uniform(0.0, TRACE * EFFECTS[effect].low))
 
 
 def drawn_double_track(tyre: int, family: str) -> Draw:
-    """Draws double tracks with tyres of one shape; other forms are drawn, small beside what may be withheld."""
+    """Draws double tracks with tyres of one shape; other forms are random and small relative to withheld effects."""
 
     def draw(rng: np.random.Generator, number: int) -> ForeignVehicle:
         car = drawn_car(rng, KINDS[number % len(KINDS)])
         size = car.size
-        smooth = number // len(KINDS) % 2 == 1  # commands that jump are followed at once, those that run are not quite
+        smooth = number // len(KINDS) % 2 == 1  # commands with jumps have no lags, linear ones have small lags
         forms = {
             "linear_hold": float(smooth),
             "tyre": float(tyre),
@@ -189,7 +189,7 @@ _HOP = {"car": (10.0, 13.0), "racer": (18.0, 26.0), "sports": (12.0, 16.0), "tru
 
 
 def drawn_suspended(rng: np.random.Generator, number: int) -> ForeignVehicle:
-    """Draws cars on springs; what they have by their nature is as large as on the road."""
+    """Draws cars with suspension; their inherent effects are as large as on real cars."""
     kind = KINDS[number % len(KINDS)]
     car = drawn_car(rng, kind)
     forms = {
@@ -211,7 +211,7 @@ def drawn_suspended(rng: np.random.Generator, number: int) -> ForeignVehicle:
 
 
 def drawn_slipx(rng: np.random.Generator, number: int) -> ForeignVehicle:
-    """Draws a 1:10 car for SlipX: it brakes by its motor and has no drag that grows with speed itself."""
+    """Draws a 1:10 car for SlipX, which brakes by its motor and has no drag proportional to speed."""
     car = drawn_car(rng, "racer")
     split = car.parameters["drive_split_front"]
     car = replace(car, parameters={**car.parameters, "brake_split_front": split, "c_1": 0.0})

@@ -1,10 +1,10 @@
-"""A seeded generator of recordings of a synthetic 1:10 racing car with four-wheel drive.
+"""Generator of recordings of a synthetic 1:10 racing car with four-wheel drive, reproducible by seed.
 
-The files have the columns, units, sampling and sensor faults of the RoboRacer recordings, so that everything that
-reads those reads these; the car behind them is invented. It stands in for the real car in examples and
-tests, and its equations are nobody's model: what fits it well has learnt something, not remembered itself.
+The files have the columns, units, sampling and sensor faults of the RoboRacer recordings, so that they can be used in
+their place; the car is fictional. It represents the real car in examples and tests, and its equations are those of no
+model in the package, so a model that fits well has learnt something rather than recognised itself.
 
-Several runs are joined in each file and time restarts at each; each has its own raceline, limits and lateral
+Each file contains several runs, and time restarts at each; each run has its own raceline, limits and lateral
 controller. `greybox datasets make racer --out DIR` writes the files.
 """
 

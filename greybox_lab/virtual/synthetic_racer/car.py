@@ -2,9 +2,9 @@
 
 ISO 8855 axes, SI units. Wheels are numbered front left, front right, rear left, rear right.
 
-The car is made to be unlike anything that is fitted to it: brush tyres with relaxation, load sensitivity and
-friction ellipse, open differentials, a body that rolls and pitches, a steering servo with dead time, rate limit
-and lag, and a motor whose force is concave in current and fades with speed.
+The car differs deliberately from all models that are fitted to it: brush tyres with relaxation, load sensitivity and
+friction ellipse, open differentials, a body that rolls and pitches, a steering servo with dead time, rate limit and
+lag, and a motor whose force is concave in current and decreases with speed.
 
 Sources: brush tyre with parabolic pressure, Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 3.2; relaxation of
 the slip, ibid. Sec. 7.2; double-track equations, Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 8.2.2.
@@ -24,7 +24,7 @@ _SLOWEST_ROLLING = 0.15
 """Speed, m/s, below which slips no longer grow as 1/v; the tyre then behaves as a damper and comes to rest."""
 
 _LOW_SPEED, _LOW_SPEED_DAMPING = 0.5, 0.3
-"""Below this speed, m/s, the carcass damps the tyre's lateral spring, s/m; without it the car would swing on its
+"""Below this speed, m/s, the carcass damps the tyre's lateral spring, s/m; otherwise the car would oscillate on its
 tyres long after a stop (Pacejka, 3rd ed., Sec. 8.6)."""
 
 _STICTION_SPEED = 0.03
@@ -160,13 +160,13 @@ def brush(car: Car, slip_x: float, slip_y: float, C_y: float, mu_y: float, F_z: 
     p_x = car.C_x * stiffness * slip_x / mu_x
     p_y = C_y * stiffness * slip_y / mu_y
     p = sqrt(p_x * p_x + p_y * p_y)
-    # p/3 is the share of the contact patch that slides; from 1 on all of it does.
+    # p/3 is the sliding share of the contact patch; from 1 on all of it slides.
     share = 1.0 - p / 3.0 + p * p / 27.0 if p < 3.0 else 1.0 / p
     return mu_x * F_z * share * p_x, mu_y * F_z * share * p_y
 
 
 def motor_force(car: Car, current: float, speed: float) -> float:
-    """Steady force of the motor at the wheels, N: concave in current, fading with speed; a map of its own brakes."""
+    """Steady force of the motor at the wheels, N: concave in current, lower at speed; braking has its own map."""
     if current >= 0.0:
         return car.F_drive_max * tanh(car.k_drive * current / car.F_drive_max) / (1.0 + abs(speed) / car.v_fade)
     # A motor at rest has no back-EMF to brake with.
@@ -200,7 +200,7 @@ def advance(car: Car, q: CarMotion, steer_command: float, current: float) -> Non
     weight_f = car.m * GRAVITY * car.l_r / car.wheelbase
     weight_r = car.m * GRAVITY - weight_f
     to_rear = car.m * car.h_cg * q.a_x / car.wheelbase
-    # The springs carry the moment above the roll axis, the links the rest at once.
+    # The springs carry the moment above the roll axis with a lag, the links the rest immediately.
     roll_moment = car.roll_stiffness * q.roll + car.roll_damping * q.roll_rate
     roll_moment += car.m * q.a_y * (car.h_cg - car.h_roll)
     shift_f = car.roll_share_f * roll_moment / car.track
@@ -239,7 +239,7 @@ def advance(car: Car, q: CarMotion, steer_command: float, current: float) -> Non
     q.drive_force += dt / car.motor_lag * (motor_force(car, current, rolling) - q.drive_force)
     drag = car.F_friction * tanh(rolling / _STICTION_SPEED) + car.k_viscous * rolling
     q.drive_speed += dt * car.R * (q.drive_force - drag - sum(traction)) / car.I_drive
-    # A differential's grease makes the two wheels agree slowly.
+    # The grease of a differential slowly equalises the speeds of the two wheels.
     q.split_f += dt * (0.5 * car.R * (traction[0] - traction[1]) / car.I_wheel - 2.0 * q.split_f)
     q.split_r += dt * (0.5 * car.R * (traction[2] - traction[3]) / car.I_wheel - 2.0 * q.split_r)
 

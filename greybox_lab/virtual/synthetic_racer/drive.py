@@ -1,4 +1,4 @@
-"""Runs of the synthetic racer: who drives where, what its electronics make of that at 20 Hz, and the files of it."""
+"""Runs of the synthetic racer: simulation with a driver, measurement at 20 Hz, and files."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .car import GRAVITY, STEP, Car, CarMotion, advance
 from .driver import PERIOD, Circuit, Driver, Pid, PurePursuit, Stanley, Steering, raceline, smooth_speeds
 
 SAMPLE_TIME = 0.05
-"""Of the file, s."""
+"""Sample time of the files, s."""
 
 RPM_PER_SPEED = 4244.0
 """Electrical revolutions per minute for 1 m/s."""
@@ -71,9 +71,9 @@ def measure(truth: Mapping[str, Array], sensors: Sensors | None, rng: np.random.
 
     Parameters
     ----------
-    truth : signals at every `STEP` as `simulate` returns them, SI units.
+    truth : signals at every `STEP` from `simulate`, SI units.
     sensors : faults; None samples the truth itself, at the centre of gravity.
-    rng : source of the noise.
+    rng : random generator of the noise.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def measure(truth: Mapping[str, Array], sensors: Sensors | None, rng: np.random.
     else:
         moving = np.tanh(np.abs(truth["v_x"]) / 0.4)
         roll, pitch, yaw_rate = truth["roll"], truth["pitch"], truth["yaw_rate"]
-        # An accelerometer rolls and pitches with the body and feels gravity's share along its axes.
+        # An accelerometer rolls and pitches with the body and measures gravity's components along its axes.
         f_x = (truth["a_x"] - sensors.x_imu * yaw_rate**2) * np.cos(pitch) - GRAVITY * np.sin(pitch)
         f_y = (truth["a_y"] + sensors.x_imu * truth["yaw_acceleration"]) * np.cos(roll) + GRAVITY * np.sin(roll)
 
@@ -137,7 +137,7 @@ def _low_pass(values: Array, cutoff: float, order: int) -> Array:
 
 
 def _coloured(rng: np.random.Generator, n: int, cutoff: float) -> Array:
-    """Noise of unit standard deviation below a cutoff, Hz: what road and driveline shake into the body."""
+    """Noise of unit standard deviation below a cutoff, Hz: vibrations by road and driveline."""
     b, a = butter(2, 2.0 * cutoff * STEP)
     # Noise bandwidth of a second-order Butterworth filter, in units of its cutoff.
     gain = np.sqrt(np.pi / (2.0 * np.sqrt(2.0)) * 2.0 * cutoff * STEP)
@@ -155,16 +155,16 @@ _TRACES = (
 
 @dataclass(frozen=True)
 class DrivenRun:
-    """One unbroken piece of a recording.
+    """One run of a recording.
 
     Attributes
     ----------
-    steering : lateral controller, made anew for the run.
+    steering : makes a lateral controller for the run.
     duration : recorded, s.
     v_max, a_y_max, a_x_max : limits of the raceline, m/s and m/s^2.
     lead : time driven before the recording starts, s; 0 is a recording that starts at rest.
-    pauses : intervals in which the car shall stand, s from the start of the recording.
-    clockwise : drive the track the other way round: mostly right turns.
+    pauses : intervals in which the car should stand, s from the start of the recording.
+    clockwise : whether the direction is reversed, with mostly right turns.
     slalom : displacement to either side of the line, m.
     steer_delay : dead time of the steering command in this run, s.
     """
@@ -229,9 +229,9 @@ def simulate(car: Car, command: Command, duration: float, start: CarMotion | Non
     Parameters
     ----------
     car : constants.
-    command : asked every `driver.PERIOD`; its answer is held until the next time.
+    command : called every `driver.PERIOD`; its result is held until the next call.
     duration : s.
-    start : state at time 0; at rest in the origin by default. It is advanced in place.
+    start : state at time 0; at rest in the origin by default. It is modified in place.
 
     Returns
     -------
@@ -263,12 +263,12 @@ def drive(run: DrivenRun, rng: np.random.Generator, car: Car = _CAR) -> dict[str
     Parameters
     ----------
     run : what to drive.
-    rng : source of everything that differs from run to run.
-    car : that is driven, but for the run's own dead time of the steering.
+    rng : random generator of everything that differs between runs.
+    car : the car, except for the run's own dead time of the steering.
 
     Returns
     -------
-    Columns of `sensors.COLUMNS` in the file's units, each (run.rows,).
+    Columns of `COLUMNS` in the file's units, each (run.rows,).
     """
     car = replace(car, steer_delay=run.steer_delay)
     track = raceline(rng, run.clockwise)
@@ -284,7 +284,7 @@ def drive(run: DrivenRun, rng: np.random.Generator, car: Car = _CAR) -> dict[str
         rng=rng,
     )
     start = CarMotion(x=float(track.x[0]), y=float(track.y[0]), yaw=float(track.yaw[0]))
-    # The last sample needs a row of truth beyond it.
+    # The last sample needs a row of truth after it.
     truth = simulate(car, driver, run.lead + run.duration + SAMPLE_TIME, start)
     first = round(run.lead / STEP)
     recorded = {name: values[first:] for name, values in truth.items()} | {"time": truth["time"][first:] - run.lead}
@@ -307,10 +307,10 @@ def slalom(track: Circuit, width: float, rng: np.random.Generator) -> Array:
 
 
 SEED = 20240
-"""Of the recordings that come with the package."""
+"""Seed of the recordings in the package."""
 
 FORMATS = ("%.2f", "%.1f", "%.5f", "%.5f", "%.3f", "%.5f", "%.4f", "%.4f", "%.4f", "%.5f")
-"""Of each column: some digits finer than its noise."""
+"""Format of each column: a few more digits than its noise."""
 
 
 def run_table(name: str, number: int, seed: int = SEED) -> dict[str, np.ndarray]:
@@ -319,7 +319,7 @@ def run_table(name: str, number: int, seed: int = SEED) -> dict[str, np.ndarray]
     Parameters
     ----------
     name : of the recording, a key of `RUNS`.
-    number : of the run, from 0. Each run has its own random numbers: it can be made without the others.
+    number : of the run, from 0. Each run has its own random numbers, so that it can be made alone.
     seed : of the recordings.
     """
     rng = np.random.default_rng([seed, list(RUNS).index(name), number])
@@ -329,11 +329,11 @@ def run_table(name: str, number: int, seed: int = SEED) -> dict[str, np.ndarray]
 def make(folder: str | os.PathLike[str], seed: int = SEED) -> tuple[Path, ...]:
     """Write `racer_train.csv` (about 2 min) and `racer_valid.csv` (about 1 min), 20 Hz.
 
-    The same seed writes the same bytes on the same machine. A file is complete or not there.
+    The same seed writes the same bytes on the same machine. A file is complete or does not exist.
 
     Parameters
     ----------
-    folder : where to write; made if need be.
+    folder : where to write; created if necessary.
     seed : of lines, noise and sensor faults.
 
     Returns

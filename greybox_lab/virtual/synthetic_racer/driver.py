@@ -1,4 +1,4 @@
-"""Closed paths, how fast to drive them, and the driver of the synthetic racer, who steers along them in three ways."""
+"""Closed paths, speeds along them, and the driver of the synthetic racer with three lateral controllers."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def closed_track(points: Array) -> Circuit:
     arc = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(dense))))
     n = round(arc[-1] / SPACING)
     s = np.arange(n) * (arc[-1] / n)
-    # The spline's curvature has corners; 0.1 m of smoothing makes a line a driver can follow.
+    # The spline's curvature has kinks; smoothing over 0.1 m makes a line that a driver can follow.
     xy = _smooth(curve(np.interp(s, arc, dense)), 0.1 / SPACING)
     ahead, behind = np.roll(xy, -1, axis=0), np.roll(xy, 1, axis=0)
     step = arc[-1] / n
@@ -88,12 +88,12 @@ def closed_track(points: Array) -> Circuit:
 
 
 def raceline(rng: np.random.Generator, clockwise: bool = False) -> Circuit:
-    """The synthetic track, its corners moved a few centimetres for this run.
+    """The synthetic track, with corners displaced by a few centimetres for this run.
 
     Parameters
     ----------
-    rng : source of the run's own line.
-    clockwise : drive it the other way round, so that right turns prevail.
+    rng : random generator of the run's line.
+    clockwise : whether to reverse the direction, so that right turns prevail.
     """
     points = _CORNERS + rng.normal(0.0, 0.035, _CORNERS.shape)
     if clockwise:
@@ -102,7 +102,7 @@ def raceline(rng: np.random.Generator, clockwise: bool = False) -> Circuit:
 
 
 def smooth_speeds(track: Circuit, v_max: float, a_y_max: float, a_x_max: float) -> Array:
-    """Speeds along a path within acceleration limits, m/s, (n,), as a driver takes them: without corners.
+    """Speeds along a path within acceleration limits, m/s, (n,), smoothed as by a driver.
 
     Parameters
     ----------
@@ -129,12 +129,12 @@ PERIOD = 0.025
 
 @dataclass(frozen=True)
 class Place:
-    """Where the driver believes the car is, relative to the path.
+    """The car's position relative to the path, as known to the driver.
 
     Attributes
     ----------
-    x, y, yaw : believed pose of the rear axle, m and rad.
-    v : speed, m/s, as the motor tells it.
+    x, y, yaw : estimated pose of the rear axle, m and rad.
+    v : speed, m/s, from the motor.
     nearest : index of the path's point next to the car.
     offset : lateral displacement of the line to follow, m, positive to the left of the path.
     """
@@ -214,7 +214,7 @@ class PurePursuit:
 
 @dataclass
 class SpeedControl:
-    """PI on speed with the current's limits; the sum stands still while a limit holds.
+    """PI control of speed within limits of the current, with anti-windup.
 
     Attributes
     ----------
@@ -242,22 +242,22 @@ class SpeedControl:
         return self._last
 
     def release(self) -> None:
-        """Let go: no current, no memory."""
+        """Set current and integral to zero."""
         self._sum = self._last = 0.0
 
 
 @dataclass
 class Driver:
-    """Looks at the car every `PERIOD` and decides on steering and current.
+    """Decides on steering and current every `PERIOD`.
 
     Attributes
     ----------
     track, speeds : path and speed at its points, m/s.
     steering : lateral controller.
-    pauses : time intervals, s, in which the car shall stand.
+    pauses : time intervals, s, in which the car should stand.
     wheelbase, l_r : m.
     offsets : (n,) lateral displacement of the line at the path's points, m; zero unless the run is a slalom.
-    rng : source of localisation noise; None drives without.
+    rng : random generator of localisation noise; none if None.
     """
 
     track: Circuit

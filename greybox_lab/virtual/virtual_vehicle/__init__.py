@@ -1,11 +1,11 @@
-"""A vehicle that exists in simulation only, to examine what is said of the gap between a model and reality.
+"""A simulated vehicle, for examining diagnoses of the gap between a model and reality.
 
     car = random_vehicle(7)
     recording, truth = drive(car, "mixed", effects={"tyre_relaxation": 0.4})
 
-`EFFECTS` are the effects of the vocabulary, `OUTSIDE` those that are not in it; any of them compose. `toleranced` draws
-a true vehicle about what `vehicle_file_text` states. It shares no code with the package's models, nor, in other
-`forms`, their functional forms.
+`EFFECTS` are the effects of the vocabulary, `OUTSIDE` those outside it; all can be combined. `toleranced` draws a true
+vehicle around the numbers that `vehicle_file_text` states. No code is shared with the package's models and, in other
+`forms`, no functional forms either.
 """
 
 from .car import Tolerances, VirtualCar, random_vehicle, toleranced, tolerances, vehicle_file_text

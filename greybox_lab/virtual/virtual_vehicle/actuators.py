@@ -1,7 +1,7 @@
-"""From command to road wheel and from command to force at the wheels.
+"""From command to road-wheel angle, and from command to force at the wheels.
 
-`chain` holds what remembers: play, rate limiter and its integral, road wheel and its rate, drive force, what swings. A
-piece of a step lasts h seconds, the command constant within; lags are followed in closed form.
+`chain` contains the states of actuators: play, rate limiter and its integral, road wheel and its rate, drive force, and
+oscillators. A substep has a duration of h seconds with constant commands; lags are integrated in closed form.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ CHAIN = 10
 _SERVO, _SERVO_INTEGRAL = 200.0, 2000.0
 """Gains of the steering servo, 1/s and 1/s^2."""
 _FLANK = 0.008
-"""Time in which the flanks of soft play give, s."""
+"""Time constant of the elastic stops of soft play, s."""
 _SWING_DAMPING = 0.15
-"""Damping ratio of what swings."""
+"""Damping ratio of the oscillators."""
 
 
 @compiled
 def steering_command(car: Car, command: float) -> float:
-    """Command as geared and trimmed, rad."""
+    """Steering command after ratio, asymmetry and offset, rad."""
     geared = car.steering_ratio * command
     if car.variable_ratio != 0.0:
         geared *= 1.0 + car.variable_ratio * min((geared / (0.35 * car.steer_max)) ** 2, 1.0)
@@ -36,7 +36,7 @@ def steering_command(car: Car, command: float) -> float:
 
 @compiled
 def driving_command(car: Car, command: float) -> float:
-    """Force that the drive is asked for, N."""
+    """Force that the command requests from the drive, N."""
     force = car.force_per_unit * car.motor_gain * command
     dead = car.drive_dead_zone * car.m * G
     return force - dead if force > dead else (force + dead if force < -dead else 0.0)
@@ -44,7 +44,7 @@ def driving_command(car: Car, command: float) -> float:
 
 @compiled
 def settle(car: Car, chain: Row, steer: float, force: float) -> None:
-    """As if the commands had been in force for ever, play centred."""
+    """Set the steady state for constant commands, with play centred."""
     chain[PLAY] = chain[LIMITED] = chain[WHEEL] = steer
     chain[INTEGRAL] = chain[WHEEL_RATE] = 0.0
     chain[SWUNG], chain[SWUNG_RATE] = steer, 0.0
@@ -54,7 +54,7 @@ def settle(car: Car, chain: Row, steer: float, force: float) -> None:
 
 @compiled
 def jump(car: Car, chain: Row, steer: float, force: float) -> None:
-    """The commands have jumped: what follows them at once."""
+    """Apply a jump of the commands to states that follow without delay."""
     if car.form_backlash == 0 or car.steering_backlash == 0.0:
         chain[PLAY] = min(max(chain[PLAY], steer - car.steering_backlash), steer + car.steering_backlash)
     if car.steering_rate_limit == inf:
@@ -67,7 +67,7 @@ def jump(car: Car, chain: Row, steer: float, force: float) -> None:
 
 @compiled
 def move(car: Car, chain: Row, steer: float, force: float, h: float) -> None:
-    """The commands have been in force for another h seconds."""
+    """Advance the states by h seconds at constant commands."""
     before = chain[LIMITED]
     if car.form_backlash == 1 and car.steering_backlash > 0.0:
         flank = min(max(chain[PLAY], steer - car.steering_backlash), steer + car.steering_backlash)
@@ -92,7 +92,7 @@ def move(car: Car, chain: Row, steer: float, force: float, h: float) -> None:
     elif car.form_steering_lag == 0:
         ramp = (chain[LIMITED] - before) / h
         chain[WHEEL] = chain[LIMITED] - T * ramp + (chain[WHEEL] - before + T * ramp) * exp(-h / T)
-    else:  # critically damped, towards the mean of the input; as late as a first-order lag
+    else:  # critically damped, towards the mean of the input; same delay as the first-order lag
         w, aim = 2.0 / T, 0.5 * (before + chain[LIMITED])
         e, v, fades = chain[WHEEL] - aim, chain[WHEEL_RATE], exp(-2.0 * h / T)
         chain[WHEEL] = aim + (e + (v + w * e) * h) * fades
@@ -109,7 +109,7 @@ def move(car: Car, chain: Row, steer: float, force: float, h: float) -> None:
 
 @compiled
 def swing(chain: Row, at: int, aim: float, w: float, h: float) -> None:
-    """What swings about an aim, at and at + 1 in the chain, on for h seconds."""
+    """Advance an oscillator around an aim, at indices at and at + 1 of the chain, by h seconds."""
     chain[at + 1] += h * (w * w * (aim - chain[at]) - 2.0 * _SWING_DAMPING * w * chain[at + 1])
     chain[at] += h * chain[at + 1]
 
@@ -131,7 +131,7 @@ def wheel_force(car: Car, chain: Row, v_x: float) -> float:
 
 @compiled
 def available(car: Car, force: float, v_x: float) -> float:
-    """Force of the drive, N, as far as its motor can give it; brakes are not limited."""
+    """Force of the drive, N, limited by its motor; brakes are not limited."""
     if force <= 0.0 or car.motor_saturation == inf:
         return force
     ratio = abs(v_x) / car.motor_saturation_v_b

@@ -1,4 +1,4 @@
-"""The virtual vehicle as it is stated, random ones of four classes, and true ones within what a file states of them."""
+"""The stated virtual vehicle, random ones of four classes, and true ones within the tolerances of a file."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from .effects import ALL, OUTSIDE, Kind
 from .scale import PARAMETERS, G, Scale, scale
 
 DRIVE_CHANNELS = ("ax_cmd", "motor_current", "drive_force")
-"""What a drive command may be: m/s^2, A or N."""
+"""Possible drive commands: m/s^2, A or N."""
 
 
 @dataclass(frozen=True)
 class VirtualCar:
-    """A vehicle to drive in simulation.
+    """A vehicle to simulate.
 
     Attributes
     ----------
     name : for people.
     kind : class of vehicle: racer (1:10), car, truck (and delivery van), sports (and formula cars).
-    parameters : `scale.PARAMETERS` and, where wheels rotate, I_w [kg m^2]; SI units.
-    drive_channel : signal of the drive command, in whose unit force_per_unit is.
-    noise : sd of each sensor by signal; without a sensor of v_y that signal is not among them.
+    parameters : `scale.PARAMETERS` and, for rotating wheels, I_w [kg m^2]; SI units.
+    drive_channel : signal of the drive command, to whose unit force_per_unit refers.
+    noise : sd of each sensor by signal; v_y is missing if it has no sensor.
     steer_max : rad.
     top_speed : brisk speed on a test track, m/s.
-    small : small effects that are there at this size, as `toleranced` draws them; name -> magnitude.
+    small : magnitudes of small effects, as drawn by `toleranced`.
 
     Raises
     ------
-    BadInput : a parameter is missing or the drive channel is not known.
+    BadInput : if a parameter is missing or the drive channel is unknown.
     """
 
     name: str
@@ -57,25 +57,25 @@ class VirtualCar:
 
     @property
     def size(self) -> Scale:
-        """Size and pace."""
+        """Size and time scale."""
         return scale(self.parameters, self.top_speed, self.steer_max, self.noise)
 
     @property
     def measures_v_y(self) -> bool:
-        """Whether it has a sensor of v_y."""
+        """Whether the vehicle has a sensor of v_y."""
         return "v_y" in self.noise
 
     @property
     def outside(self) -> tuple[str, ...]:
-        """Names of effects that are not in the vocabulary and that this vehicle may have."""
+        """Names of effects outside the vocabulary that this vehicle may have."""
         return tuple(OUTSIDE)
 
     def magnitude(self, effect: str, rng: np.random.Generator) -> float:
-        """A plausible and visible magnitude of an effect of the vocabulary or outside it.
+        """A plausible and detectable magnitude of an effect, in or outside the vocabulary.
 
         Raises
         ------
-        BadInput : there is no such effect.
+        BadInput : if the effect is unknown.
         """
         if effect not in ALL:
             raise BadInput(f"The virtual vehicle has no effect {effect}; it has {', '.join(ALL)}.")
@@ -115,20 +115,20 @@ _CLASSES: Mapping[Kind, Mapping[str, _Range]] = {
         "amps": (15.0, 40.0),
     },
 }  # fmt: skip
-"""Least and most. front_load: share of the weight; gyration: radius over sqrt(l_f l_r) is twice this; track and wheel
-radius over the wheelbase; c_0 over weight; drag: force over weight at top speed; v, yaw, a: sds of sensors."""
+"""Ranges. front_load: share of the weight; gyration: radius over sqrt(l_f l_r) is twice this; track and wheel radius
+over the wheelbase; c_0 over weight; drag: force over weight at top speed; v, yaw, a: sds of sensors."""
 
 _ODDS = {"racer": 0.3, "car": 0.35, "truck": 0.15, "sports": 0.2}
 _TITLES = {"racer": "1:10 racer", "car": "car", "truck": "truck", "sports": "sports car"}
 
 
 def random_vehicle(seed: int, kind: Kind | None = None) -> VirtualCar:
-    """A vehicle drawn about typical values of its class; it understeers at least a little.
+    """A vehicle with random typical parameters of its class; it understeers at least slightly.
 
     Parameters
     ----------
-    seed : says which.
-    kind : class; None draws it as well.
+    seed : of the vehicle.
+    kind : class; random if None.
     """
     rng = np.random.default_rng((seed, 7201))
     kinds: tuple[Kind, ...] = get_args(Kind)
@@ -141,7 +141,7 @@ def random_vehicle(seed: int, kind: Kind | None = None) -> VirtualCar:
     D_f, B_f, C_f = draw["D"], draw["B_f"], draw["C"]
     D_r = D_f * float(rng.uniform(1.01, 1.06))
     C_r = C_f * float(rng.uniform(0.98, 1.02))
-    B_r = B_f * C_f * D_f / (C_r * D_r) * float(rng.uniform(1.06, 1.3))  # the rear is the stiffer one: it understeers
+    B_r = B_f * C_f * D_f / (C_r * D_r) * float(rng.uniform(1.06, 1.3))  # stiffer rear, for understeer
     channel = str(rng.choice(["motor_current", "ax_cmd", "drive_force"], p=[0.5, 0.3, 0.2]))
     if kind != "racer":
         channel = str(rng.choice(["ax_cmd", "drive_force", "motor_current"], p=[0.6, 0.3, 0.1]))
@@ -169,7 +169,7 @@ def random_vehicle(seed: int, kind: Kind | None = None) -> VirtualCar:
 
 
 def _rounded(value: float, digits: int = 5) -> float:
-    """As a data sheet would state it."""
+    """Rounded as on a data sheet."""
     return float(f"{value:.{digits}g}")
 
 
@@ -187,17 +187,17 @@ _SOURCES = {
     "B_r": "tyre bench", "C_r": "tyre bench", "D_r": "tyre bench", "E_r": "tyre bench",
 }  # fmt: skip
 _POSITIVE = ("steering_lag", "steering_delay", "motor_lag", "sensor_latency_imu", "sensor_latency_vx")
-"""Of these only delays exist, no advances: true ones are half-normal."""
+"""Effects that exist only as delays, not as advances: their true values are half-normal."""
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Standard deviations about what is stated.
+    """Standard deviations of true values around stated ones.
 
     Attributes
     ----------
     parameters : sd by parameter, SI units.
-    effects : sd by effect, about its null.
+    effects : sd by effect, around its null.
     """
 
     parameters: Mapping[str, float]
@@ -205,11 +205,11 @@ class Tolerances:
 
 
 EXACT = Tolerances(MappingProxyType({}), MappingProxyType({}))
-"""All is known."""
+"""No tolerances."""
 
 
 def tolerances(car: VirtualCar) -> Tolerances:
-    """Tolerances usual for a vehicle of its class."""
+    """Usual tolerances for a vehicle of its class."""
     size, p = car.size, car.parameters
     small = car.kind == "racer"
     values = {name: share * abs(p[name]) for name, share in _RELATIVE.items()} | dict(_ABSOLUTE)
@@ -236,9 +236,9 @@ def tolerances(car: VirtualCar) -> Tolerances:
 
 
 def toleranced(car: VirtualCar, rng: np.random.Generator) -> VirtualCar:
-    """A true vehicle behind a stated one: its parameters lie within tolerances, and small effects are there.
+    """A true vehicle for a stated one: parameters within tolerances, and small effects.
 
-    Values are drawn from normal distributions cut at 2.5 sd; delays and lags are never negative.
+    Values are drawn from normal distributions truncated at 2.5 sd; delays and lags are never negative.
     """
     value = tolerances(car)
 
@@ -256,12 +256,12 @@ def toleranced(car: VirtualCar, rng: np.random.Generator) -> VirtualCar:
 
 
 def vehicle_file_text(car: VirtualCar, tolerances: Tolerances | None = None) -> str:
-    """What is stated of a vehicle, as the text of a vehicle file (TOML).
+    """Text of a vehicle file (TOML) with the stated numbers.
 
     Parameters
     ----------
     car : as stated, not the true one.
-    tolerances : sds to state with it; None states none.
+    tolerances : sds to state; none if None.
     """
     known = tolerances or EXACT
     lines = [

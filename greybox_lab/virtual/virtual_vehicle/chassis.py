@@ -1,8 +1,8 @@
 """Equations of motion of the virtual vehicle: two tracks, four tyres, a body that rolls.
 
-ISO 8855 axes, SI units; wheels are front left, front right, rear left, rear right. In the form "axles" both wheels of
-an axle have the slip of its middle, and with all effects off the vehicle is a single-track one. In form "each_wheel"
-every wheel has the slip of where it stands (Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 8.2).
+ISO 8855 axes, SI units; wheels are front left, front right, rear left, rear right. In form "axles" both wheels of an
+axle have the slip of its centre, and without effects the vehicle is a single-track model. In form "each_wheel" every
+wheel has the slip at its own position (Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 8.2).
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ from .tyres import HEAT_BALANCE, LOWER_PEAK, curve, left_beside, load_factor, st
 
 @compiled
 def rear_angle(car: Car, v_x: float, steer: float) -> float:
-    """Angle of rear wheels that steer, rad: with the front ones when fast, against them when slow."""
+    """Angle of the rear wheels with rear steering, rad: in phase at high speed, in antiphase at low speed."""
     if car.rear_steer == 0.0:
         return 0.0
     return float(car.rear_steer * steer * tanh((v_x / car.top_speed - 0.3) / 0.15))
@@ -61,7 +61,7 @@ def rear_angle(car: Car, v_x: float, steer: float) -> float:
 
 @compiled
 def asymmetry(car: Car, share: float) -> float:
-    """Lateral force over that of a tyre that is alike on both sides."""
+    """Ratio of the lateral force to that of a symmetric tyre."""
     if car.tyre_asymmetry == 0.0:
         return 1.0
     return float(1.0 + car.tyre_asymmetry * tanh(8.0 * share))
@@ -69,7 +69,7 @@ def asymmetry(car: Car, share: float) -> float:
 
 @compiled
 def grip_of_road(car: Car, x: float, y: float) -> float:
-    """Friction of the road over that of a dry one: patches, three tenths of it, some wheelbases wide."""
+    """Friction of the road relative to a dry one: slippery patches, three tenths of it, some wheelbases wide."""
     if car.slippery_patches == 0.0:
         return 1.0
     k = 2.0 * pi / (16.0 * car.L)
@@ -79,7 +79,7 @@ def grip_of_road(car: Car, x: float, y: float) -> float:
 
 @compiled
 def asked_for(car: Car, v_x: float, steer: float) -> float:
-    """Yaw rate that the steering asks for, rad/s, as far as there is grip."""
+    """Yaw rate that the steering requests, rad/s, limited by the grip."""
     most = 0.8 * G * min(car.D_f, car.D_r) / max(v_x, 1.0)
     return float(min(max(v_x * steer / (car.L + car.understeer * v_x * v_x), -most), most))
 
@@ -88,7 +88,7 @@ def asked_for(car: Car, v_x: float, steer: float) -> float:
 def moments(
     car: Car, s: Row, given: Row, seen: Row, wheels: Grid, F_xf: float, F_xr: float
 ) -> tuple[float, float, float]:
-    """Forces along and across, N, and moment about the vertical, N m, that come on top.
+    """Additional forces along and across, N, and additional yaw moment, N m, of effects outside the vocabulary.
 
     Parameters are those of `chassis.motion`, and the longitudinal forces of the axles, N.
     """
@@ -98,11 +98,11 @@ def moments(
     rolls = tanh(v_x / 0.1)
 
     F_x = F_y = M_z = 0.0
-    # one wheel drags
+    # dragging brake and puncture at one wheel each
     brake, flat = car.dragging_brake * weight * rolls, 0.05 * car.puncture * wheels[1, LOAD] * rolls
     F_x -= brake + flat
     M_z += half_f * (brake - flat)
-    # the faster wheel of a driven axle hands force to the slower one
+    # limited slip: the faster wheel of a driven axle transfers force to the slower one
     if car.limited_slip != 0.0:
         M_z -= car.limited_slip * half_f * max(F_xf, 0.0) * tanh(20.0 * r * car.track_f / max(v_x, 0.5))
         M_z -= car.limited_slip * half_r * max(F_xr, 0.0) * tanh(20.0 * r * car.track_r / max(v_x, 0.5))
@@ -125,23 +125,23 @@ def moments(
 
 
 FRONT_SHARE = 0.55
-"""Of the lateral load transfer, carried by the front axle."""
+"""Share of the lateral load transfer that the front axle carries."""
 SLIP_STIFFNESS = 15.0
-"""Longitudinal force over load and slip of a wheel that rotates."""
+"""Longitudinal force of a rotating wheel per load and slip."""
 _LONGITUDINAL_GRIP = 2.0
-"""Over the lateral peak: brakes that ask for more than there is are no mere form, nor are wheels that lock."""
+"""Ratio of longitudinal to lateral peak: with less, brakes could saturate and wheels lock, which are effects."""
 _COOLING = 240.0
-"""Time in which tyres cool, s."""
+"""Time constant of cooling tyres, s."""
 _SIDE = 1.5
 _SLOW = 0.5
 _FASTEST = 1500.0
-"""Relaxation no faster than this, 1/s: what the integration can follow."""
+"""Largest rate of relaxation, 1/s, that the integration can follow."""
 FORCE_LAGS, LENGTH_GROWS = 1, 2
 
 
 @compiled
 def speed_for_slip(v: float) -> float:
-    """Speed that slips refer to, m/s: v above `_SLOW`, never less than half of that."""
+    """Reference speed of slips, m/s: |v| above `_SLOW`, and never less than half of that."""
     return abs(v) if abs(v) > _SLOW else 0.5 * (_SLOW + v * v / _SLOW)
 
 
@@ -161,7 +161,7 @@ def driven(car: Car, s: Row, given: Row) -> tuple[float, float]:
 
 @compiled
 def loads(car: Car, s: Row, given: Row, seen: Row, wheels: Grid) -> None:
-    """Write the wheels' loads, N, under the accelerations of the evaluation before."""
+    """Write the wheels' loads, N, from the accelerations of the previous evaluation."""
     heavier, v_x = car.mass_change * given[MASS], s[V_X]
     m = car.m * heavier
     down = 0.5 * car.downforce * v_x * v_x / car.L
@@ -169,7 +169,7 @@ def loads(car: Car, s: Row, given: Row, seen: Row, wheels: Grid) -> None:
     front = max(car.load_f * heavier + down * car.l_r - to_rear, 0.0)
     rear = max(car.load_r * heavier + down * car.l_f + to_rear, 0.0)
     a_y = seen[A_Y]
-    if car.form_roll == 1 and car.roll_dynamics > 0.0:  # springs and dampers pass on what the body leans
+    if car.form_roll == 1 and car.roll_dynamics > 0.0:  # load transfer through springs and dampers
         w = 2.0 * pi * car.roll_frequency
         a_y = (s[ROLL] + 2.0 * car.roll_damping / w * s[ROLL_RATE]) / car.roll_dynamics
     moment = m * a_y * car.h_cg
@@ -181,15 +181,15 @@ def loads(car: Car, s: Row, given: Row, seen: Row, wheels: Grid) -> None:
 
 @compiled
 def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rate: Row) -> None:
-    """Write d(state)/dt to `rate`, and what is seen of it to `seen` and `wheels`.
+    """Write d(state)/dt to `rate`, and observed quantities to `seen` and `wheels`.
 
     Parameters
     ----------
     car : record of constants.
     s : (STATES,) state.
-    given : (GIVEN,) road-wheel angle, force and surroundings.
-    spin : (4,) wheel speeds, rad/s; read where wheels rotate.
-    seen : (SEEN,) of the evaluation before, whose accelerations shift loads.
+    given : (GIVEN,) road-wheel angle, force and environment.
+    spin : (4,) wheel speeds, rad/s; used for rotating wheels.
+    seen : (SEEN,) of the previous evaluation, whose accelerations shift loads.
     wheels : (4, WHEEL).
     rate : (STATES,).
     """
@@ -208,7 +208,7 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
         D, track, x = (car.D_f, car.track_f, car.l_f) if front else (car.D_r, car.track_r, -car.l_r)
         F_axle, bend = (F_xf, bend_f) if front else (F_xr, bend_r)
         static, warm = (car.load_f, warm_f) if front else (car.load_r, warm_r)
-        # an axle's peak is shared out first: it says how a force along is, in the form without differentials
+        # peak of the axle first: without differentials, the longitudinal force is divided in proportion to it
         peaks = 0.0
         for i in range(2 * axle, 2 * axle + 2):
             factor = load_factor(car.form_load_sensitivity, car.load_sensitivity, wheels[i, LOAD], static)
@@ -219,7 +219,7 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
         of_left = (0.0, 0.0, 0.0)
         for i in range(2 * axle, 2 * axle + 2):
             left_side = i % 2 == 0
-            if left_side or car.spread > 0.0:  # else both wheels have the slip of the axle's middle
+            if left_side or car.spread > 0.0:  # otherwise both wheels have the slip of the axle's centre
                 side = 1.0 if left_side else -1.0
                 y = car.spread * side * 0.5 * track
                 angle = bend + car.spread * side * 0.25 * track / car.L * bend * bend * (1.0 if front else 0.0)
@@ -269,7 +269,7 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
     drag_x, drag_y = air(car, v_x, v_y, yaw)
     rolls = 1.0 if v_x > 1.0 else tanh(v_x / 0.1)
     resistance = (car.c_0 + car.rolling_resistance) * rolls + car.c_1 * v_x
-    if car.form_drag == 1:  # rolling resistance grows with speed, and the air's with a little less than its square
+    if car.form_drag == 1:  # rolling resistance grows with speed, air drag with slightly less than its square
         share = abs(v_x) / (0.7 * car.top_speed)
         resistance += 0.15 * (share - 1.0) * car.c_0 * rolls
         drag_x *= share**-0.15 if share > 0.1 else 1.0
@@ -284,11 +284,11 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
 
 @compiled
 def accelerations(car: Car, s: Row, given: Row, forces: tuple[float, float, float], seen: Row, rate: Row) -> None:
-    """What forces along and across [N] and a moment [N m] make of the body: accelerations, sloshing load, roll."""
+    """Accelerations from forces along and across [N] and a moment [N m], and rates of sloshing load and roll."""
     along, across, turning = forces
     m = car.m * car.mass_change * given[MASS]
     seen[A_X] = along / m
-    if car.sloshing_load > 0.0:  # a share of the mass pushes sideways with an acceleration of its own
+    if car.sloshing_load > 0.0:  # a share of the mass pushes sideways with its own acceleration
         seen[A_Y] = (across - car.sloshing_load * m * s[SLOSH]) / (m * (1.0 - car.sloshing_load))
         w = 2.0 * pi * 0.8 / car.time
         rate[SLOSH], rate[SLOSH_RATE] = s[SLOSH_RATE], w * w * (seen[A_Y] - s[SLOSH]) - 0.3 * w * s[SLOSH_RATE]
@@ -304,7 +304,7 @@ def accelerations(car: Car, s: Row, given: Row, forces: tuple[float, float, floa
 
 @compiled
 def rates(car: Car, s: Row, given: Row, seen: Row, work: tuple[float, float], rate: Row) -> None:
-    """The rest of d(state)/dt: speeds, place, heat of tyres (`work`, N, of front and rear) and of brakes."""
+    """The other parts of d(state)/dt: velocities, pose, heat of tyres (`work`, N, of front and rear) and brakes."""
     v_x, v_y, r, yaw, (work_f, work_r) = s[V_X], s[V_Y], s[YAW_RATE], s[YAW], work
     uphill, leftwards = hills(car, s[X], s[Y], yaw)
     rate[V_X] = seen[A_X] + r * v_y - car.weight_along - G * uphill
@@ -328,9 +328,9 @@ def rates(car: Car, s: Row, given: Row, seen: Row, work: tuple[float, float], ra
 
 @compiled
 def rolling_force(car: Car, spin: float, rolling: float, load: float, peak: float) -> float:
-    """Longitudinal force of a wheel that rotates, N: saturating with slip far above the lateral peak.
+    """Longitudinal force of a rotating wheel, N, which saturates far above the lateral peak.
 
-    Load and peak are those of the axle's wheels on average: an inner wheel that hardly touches the road does not lock.
+    Load and peak are means of the axle's wheels, so that an inner wheel with little load does not lock.
     """
     slip = (spin * car.wheel_radius - rolling) / speed_for_slip(rolling)
     most = max(_LONGITUDINAL_GRIP * peak, 1e-6)
@@ -340,7 +340,7 @@ def rolling_force(car: Car, spin: float, rolling: float, load: float, peak: floa
 
 @compiled
 def air(car: Car, v_x: float, v_y: float, yaw: float) -> tuple[float, float]:
-    """Drag along and across, N: along the vehicle in still air, against the air's motion in wind."""
+    """Drag along and across, N: along the vehicle in still air, otherwise opposite to the relative wind."""
     c_2 = car.c_2 + car.aero_drag
     if car.wind_gust == 0.0:
         return c_2 * abs(v_x) * v_x, 0.0

@@ -1,4 +1,4 @@
-"""Driving the virtual vehicle: a recording of what its sensors read and the truth beside it, or step by step."""
+"""Driving of the virtual vehicle: a recording of its sensors with the truth, or step by step."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ _STREAMS = ("road", "plan", "forms", "when", "sensors", "noise", "drops", "gusts
 
 
 class Simulation:
-    """A vehicle that carries out a plan; parameters as of `loop.simulator`.
+    """A vehicle that carries out a plan; parameters as in `loop.simulator`.
 
     Parameters
     ----------
-    steps : how many there can be.
+    steps : largest number of steps.
     start : (3,) v_x, v_y, yaw_rate at the first row.
 
     Attributes
     ----------
-    done : steps that were taken.
-    state : (STATES,) as it is now.
-    commands, readable, truth : (rows, 2), (steps, 2, k) and (rows, k), as of `loop.simulator`; zero from `done` on.
+    done : number of steps so far.
+    state : (STATES,) at present.
+    commands, readable, truth : (rows, 2), (steps, 2, k) and (rows, k), as in `loop.simulator`; zero from `done` on.
     """
 
     def __init__(
@@ -52,24 +52,24 @@ class Simulation:
         self.readable = np.zeros((steps, 2, len(READABLE)))
 
     def advance(self, to: int) -> None:
-        """Take steps until so many are done."""
+        """Simulate up to step `to`."""
         simulator()(*self._given, self._now, self.done, to, self.commands, self.readable, self.truth)
         self.done = to
 
 
 @dataclass(frozen=True)
 class Truth:
-    """What really happened in a recording.
+    """The truth about a recording.
 
     Attributes
     ----------
     car : that was driven.
-    effects : magnitudes of all effects that were not at their null, small ones of the car included, and the second
-        parameters that were given or drawn.
+    effects : magnitudes of all effects that differ from their null, including small ones of the car, and given or drawn
+        further parameters of effects.
     forms : mathematical forms.
-    states : name -> (n,) just after every row's time: v_x, v_y, yaw_rate, a_x, a_y at the centre of gravity,
+    states : name -> (n,) just after each row's time: v_x, v_y, yaw_rate, a_x, a_y at the centre of gravity,
         yaw_acceleration, roll, roll_acceleration and `layout.ROW_TRUTH`; SI units.
-    readings : name -> (n,) what sensors read without noise, and before readings hang.
+    readings : name -> (n,) noise-free readings, before repeated ones.
     """
 
     car: VirtualCar
@@ -81,7 +81,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class MadeRecording:
-    """A vehicle in the form in which it is simulated."""
+    """A vehicle ready for simulation."""
 
     car: VirtualCar
     effects: Mapping[str, float]
@@ -93,7 +93,7 @@ class MadeRecording:
         self, name: str, plan: Grid, road: Grid, spacing: float, run_in: int, start: Row,
         spoilt: tuple[float, float, float, float],
     ) -> tuple[Recording, Truth]:  # fmt: skip
-        """Carry out a plan; spoilt: noise, colour, outliers, quantisation."""
+        """Carry out a plan and record it; spoilt: noise, colour, outliers, quantisation."""
         car, size = self.car, self.car.size
         ridden = self.simulation(plan, road, spacing, run_in, start)
         ridden.advance(ridden.steps)
@@ -128,7 +128,7 @@ class MadeRecording:
 
     @cached_property
     def _asked(self) -> dict[str, float]:
-        """Effects, small ones included; the direction of a wind is drawn where it is not given."""
+        """Effects including small ones; the wind's direction is drawn unless given."""
         requested = combined(self.car.small, self.effects)
         if requested.get("wind_gust", 0.0) != 0.0 and "wind_direction" not in requested:
             requested["wind_direction"] = float(self.rng["wind"].uniform(-np.pi, np.pi))
@@ -139,7 +139,7 @@ class MadeRecording:
         return complete(self._asked, self.car.size)
 
     def _gusts(self, sd: float, steps: int) -> Row:
-        """Wind across, m/s, that changes within a second by scale."""
+        """Crosswind, m/s, with a correlation time of 0.8 s for a full-size car."""
         if sd == 0.0:
             return np.zeros(1)
         coarse = 20
@@ -151,13 +151,13 @@ class MadeRecording:
 
 
 def made(car: VirtualCar, effects: Mapping[str, float], forms: str | Forms, seed: int, rate: float) -> MadeRecording:
-    """A vehicle with effects in its forms, with all that is random drawn by a seed; parameters as for `drive.drive`."""
+    """A vehicle with effects in its forms, with all random numbers from a seed; parameters as in `drive.drive`."""
     hold, rng = _hold(rate), _streams(seed)
     return MadeRecording(car, effects, _forms(forms, rng["forms"]), rng, hold)
 
 
 def combined(*several: Mapping[str, float]) -> dict[str, float]:
-    """Effects acting together: factors multiply, what is added adds, of limits the smallest holds."""
+    """Effects acting together: factors are multiplied, offsets added, and of limits the smallest holds."""
     total: dict[str, float] = {}
     for effects in several:
         for name, value in effects.items():
@@ -174,7 +174,7 @@ def combined(*several: Mapping[str, float]) -> dict[str, float]:
 
 
 def _hold(rate: float) -> int:
-    """Steps of the simulation between rows."""
+    """Number of simulation steps between rows."""
     hold = int(round(1.0 / (rate * STEP)))
     if hold < 1 or abs(hold * STEP * rate - 1.0) > 1e-6:
         raise BadInput(
@@ -193,12 +193,12 @@ def _forms(forms: str | Forms, rng: np.random.Generator) -> Forms:
 
 
 def _streams(seed: int) -> dict[str, np.random.Generator]:
-    """Randomness by purpose, so that what one draws does not change the others."""
+    """Random generators by purpose, so that draws for one do not change the others."""
     return {name: np.random.default_rng((seed, k, 4099)) for k, name in enumerate(_STREAMS)}
 
 
 RUN_IN = 3.0
-"""Time, s, that a driver drives straight on before the first row."""
+"""Duration of straight driving before the first row, s."""
 
 
 def drive(
@@ -217,26 +217,26 @@ def drive(
 ) -> tuple[Recording, Truth]:
     """Let a driver drive a vehicle, and record it.
 
-    Row k's commands are applied at its time and held until the next row's; row k is read just after.
+    Row k's commands are applied at its time and held until the next row's; the readings of row k follow just after.
 
     Parameters
     ----------
     car : the vehicle; its small effects act together with `effects`.
     manoeuvre : one of `manoeuvres.MANOEUVRES`.
     duration : s.
-    rate : rows a second; a whole number of simulation steps of 1 ms lies between rows.
-    effects : magnitudes by name, of the vocabulary or outside it, and second parameters; the direction of a wind is
-        drawn where it is not given.
-    forms : "nominal", those of models; "other", another one of everything, drawn; or chosen ones.
-    seed : draws all that is random.
-    noise : sd of the sensors over that of `car.noise`.
+    rate : rows per second; the time between rows must be a whole number of simulation steps of 1 ms.
+    effects : magnitudes by name, in or outside the vocabulary, and further parameters of effects; the wind's direction
+        is drawn unless given.
+    forms : "nominal", as in models; "other", a different one of everything, drawn; or chosen ones.
+    seed : of all random numbers.
+    noise : sd of the sensors relative to `car.noise`.
     colour : share of the noise's variance that is correlated over 0.08 s.
-    outliers : share of readings that are off by 5 to 10 sd.
-    quantisation : step of readings over their sd.
+    outliers : share of readings with errors of 5 to 10 sd.
+    quantisation : step of readings relative to their sd.
 
     Raises
     ------
-    BadInput : an effect, a manoeuvre, a form or the rate is not known.
+    BadInput : if an effect, a manoeuvre, a form or the rate is unknown.
     """
     made_recording = made(car, effects, forms, seed, rate)
     size, rows = car.size, max(int(round(duration * rate)), 2)
@@ -259,14 +259,14 @@ def replay(
     noise: float = 0.0,
     colour: float = 0.0,
 ) -> tuple[Recording, Truth]:
-    """Drive a vehicle by commands as they stand in a recording, with no driver.
+    """Simulate a vehicle with the commands of a recording, without a driver.
 
     Parameters
     ----------
-    commands : one run with steer and the drive channel of the car, equally spaced.
-    start : v_x, v_y [m/s] and yaw_rate [rad/s] at the first row; its commands were in force for ever before.
+    commands : one run with steer and the car's drive channel, equally spaced.
+    start : v_x, v_y [m/s] and yaw_rate [rad/s] at the first row; its commands are assumed constant before.
 
-    Other parameters, what is raised : as for `drive`.
+    Other parameters and errors are as in `drive`.
     """
     made_recording = made(car, effects, forms, seed, 1.0 / commands.sample_time)
     begin = np.array([start.get(name, 0.0) for name in ("v_x", "v_y", "yaw_rate")])
@@ -288,15 +288,15 @@ def steered(
     noise: float = 1.0,
     colour: float = 0.0,
 ) -> tuple[Recording, Truth]:
-    """Let a robot steer as told while a driver keeps a speed, as on a proving ground; straight on before.
+    """Let a robot steer as given while a driver keeps a speed, as on a proving ground; straight on before.
 
     Parameters
     ----------
     name : of the recording.
-    steer : (n,) road-wheel angle, rad, of every row.
-    speed : (n,) m/s, that the driver keeps as well as the vehicle lets him; it starts at the first one.
+    steer : (n,) road-wheel angle, rad, of each row.
+    speed : (n,) m/s, which the driver keeps as far as possible; the vehicle starts with the first one.
 
-    Other parameters, what is raised : as for `drive`.
+    Other parameters and errors are as in `drive`.
     """
     made_recording = made(car, effects, forms, seed, rate)
     begin = np.array([speed[0], 0.0, 0.0])
@@ -305,19 +305,19 @@ def steered(
 
 
 class SteppedCar:
-    """A vehicle that is commanded from outside; it starts at x = y = yaw = 0, with commands of zero before.
+    """A vehicle that is commanded from outside; it starts at x = y = yaw = 0, with zero commands before.
 
     Parameters
     ----------
     car : the vehicle; its small effects act together with `effects`.
-    v_x : m/s, at which it starts straight ahead.
-    duration : s, that it can be driven at most.
-    rate : commands a second; a whole number of simulation steps of 1 ms lies between them.
-    effects, forms, seed : as for `drive.drive`.
+    v_x : initial speed straight ahead, m/s.
+    duration : longest time it can be driven, s.
+    rate : commands per second; the time between them must be a whole number of simulation steps of 1 ms.
+    effects, forms, seed : as in `drive.drive`.
 
     Raises
     ------
-    BadInput : an effect, a form or the rate is not known.
+    BadInput : if an effect, a form or the rate is unknown.
     """
 
     def __init__(
@@ -338,12 +338,12 @@ class SteppedCar:
 
     @property
     def time(self) -> float:
-        """s, since the start."""
+        """Time since the start, s."""
         return self._simulation.done * STEP
 
     @property
     def motion(self) -> dict[str, float]:
-        """Where it is and how it moves, as it really is: x, y [m], yaw [rad], v_x, v_y [m/s], yaw_rate [rad/s]."""
+        """True pose and motion: x, y [m], yaw [rad], v_x, v_y [m/s], yaw_rate [rad/s]."""
         s = self._simulation.state
         names = ("v_x", "v_y", "yaw_rate", "x", "y", "yaw")
         return {name: float(s[k]) for name, k in zip(names, (0, 1, 2, X, Y, YAW), strict=True)}
@@ -353,7 +353,7 @@ class SteppedCar:
 
         Raises
         ------
-        BadInput : the duration is over, or the motion has blown up.
+        BadInput : if the duration is over, or the simulation diverged.
         """
         now = self._simulation
         row = now.done // self._hold

@@ -1,8 +1,8 @@
-"""The driver: follows a road or a plan of steering, holds a speed, catches the vehicle when it slides.
+"""The driver, who follows a road or a plan of steering, keeps a speed, and countersteers when the vehicle slides.
 
-It looks at the vehicle itself, not at its sensors, once per row; what it knows of the vehicle is what is stated.
-Steering along a line: curvature ahead, and lateral and heading error brought together at a preview point (Kritayakirana
-& Gerdes, Vehicle System Dynamics 50, 2012).
+The driver uses the true motion, not sensor readings, once per row, and knows the vehicle's stated parameters.
+Steering along a line: curvature ahead, and lateral and heading error combined at a preview point (Kritayakirana &
+Gerdes, Vehicle System Dynamics 50, 2012).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .layout import (  # fmt: skip
 )
 
 Driver: TypeAlias = Any
-"""A numpy record: what the driver knows of the vehicle."""
+"""A numpy record of the vehicle's parameters that the driver knows."""
 
 _KNOWN = (
     *("m", "l_f", "l_r", "c_0", "c_1", "c_2", "force_per_unit"),
@@ -46,12 +46,12 @@ _RECORD = np.dtype([(name, np.float64) for name in _KNOWN])
 
 NEAREST, INTEGRAL, HANDS, FOOT, FOLLOWING, ORIGIN_X, ORIGIN_Y, ORIGIN_YAW, DEVIATION = 0, 1, 2, 3, 4, 5, 6, 7, 8
 MIND = 9
-"""What the driver remembers: place on the road, integral of the speed error, last steering and force, whether it
-follows the road and where that begins in the world, and how far off its line the vehicle is."""
+"""Memory of the driver: nearest point of the road, integral of the speed error, last steering and force, whether the
+driver follows the road and where that begins in the world, and the vehicle's distance from the line."""
 
 
 def driver(car: VirtualCar) -> Driver:
-    """A driver who knows a vehicle as stated."""
+    """A driver who knows a vehicle's stated parameters."""
     record = np.zeros(1, _RECORD)[0]
     known = {**car.parameters, **vars(car.size)}
     for name in _KNOWN:
@@ -61,7 +61,7 @@ def driver(car: VirtualCar) -> Driver:
 
 @compiled
 def awaken(mind: Row, v_x: float) -> None:
-    """Nothing is remembered yet."""
+    """Initialise the driver's memory."""
     mind[:] = 0.0
     mind[DEVIATION] = nan
     mind[FOOT] = nan if v_x > 0.0 else 0.0
@@ -69,7 +69,7 @@ def awaken(mind: Row, v_x: float) -> None:
 
 @compiled
 def re_anchor(mind: Row, s: Row) -> None:
-    """The vehicle is where the world now begins: the road stays where it is beside it."""
+    """Move the origin of the world to the vehicle; the road keeps its position relative to the vehicle."""
     dx, dy, c, d = mind[ORIGIN_X] - s[X], mind[ORIGIN_Y] - s[Y], cos(s[YAW]), sin(s[YAW])
     mind[ORIGIN_X], mind[ORIGIN_Y] = c * dx + d * dy, c * dy - d * dx
     mind[ORIGIN_YAW] -= s[YAW]
@@ -101,7 +101,7 @@ def decide(
         mind[DEVIATION] = nan
     mind[FOLLOWING] = requested[FOLLOW]
 
-    # countersteer when the rear slides, and no further than the front tyres have something to give
+    # countersteer when the rear slides, limited by the peak slip of the front tyres
     sliding = abs(drift) - 0.12
     if sliding > 0.0:
         steer += 0.9 * sliding if drift > 0.0 else -0.9 * sliding
@@ -124,7 +124,7 @@ def decide(
 def along_the_road(
     knows: Driver, road: Grid, spacing: float, s: Row, mind: Row, v: float, drift: float, period: float
 ) -> float:
-    """Steering that keeps to the road, rad."""
+    """Steering angle that follows the road, rad."""
     n = len(road)
     c, d = cos(mind[ORIGIN_YAW]), sin(mind[ORIGIN_YAW])
     dx, dy = s[X] - mind[ORIGIN_X], s[Y] - mind[ORIGIN_Y]
@@ -171,6 +171,6 @@ def on_the_pedals(
     wanted_force = knows.m * min(max(a, low), high) + resistance
     if isnan(mind[FOOT]):
         mind[FOOT] = wanted_force
-    stroke = knows.m * 18.0 * period  # the foot moves no faster
+    stroke = knows.m * 18.0 * period  # limits the rate of the pedals
     mind[FOOT] = min(max(wanted_force, mind[FOOT] - stroke), mind[FOOT] + stroke)
     return float(mind[FOOT])

@@ -1,9 +1,9 @@
-"""What the virtual vehicle may have and a nominal single-track model lacks, by name, with magnitudes per class.
+"""Effects that the virtual vehicle may have and a nominal single-track model lacks, with magnitudes per class.
 
-`EFFECTS` is the vocabulary of the diagnosis: the same names and meanings of magnitude. `OUTSIDE` is what else happens
-to vehicles: to those the right answer is that the effect is unknown. What each does is in `chassis`, `actuators`,
-`outside` and `sensors`. Magnitudes raise the error of a nominal model's predictions over one second by between 0.2 and
-5 sd of a sensor's noise or a little more, with typical noise.
+`EFFECTS` is the vocabulary of the diagnosis: the same names and meanings of magnitude. `OUTSIDE` are other effects, for
+which the right answer is that the effect is unknown. They are implemented in `chassis`, `actuators`, `loop` and
+`sensors`. Magnitudes raise the error of a nominal model's predictions over one second by between 0.2 and 5 sd of a
+sensor's noise or slightly more, with typical noise.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Kind = Literal["racer", "car", "truck", "sports"]
 """Classes of vehicles by size."""
 
 Sides = Literal["up", "down", "both"]
-"""On which side of its null value an effect may lie."""
+"""Side of its null on which an effect may lie."""
 
 PER: Mapping[str, Callable[[Scale], float]] = {
     "one": lambda size: 1.0,
@@ -39,25 +39,25 @@ PER: Mapping[str, Callable[[Scale], float]] = {
     "accelerometer tilt": lambda size: size.accel_noise / G,
     "turns": lambda size: size.top_speed / size.grip,
 }
-"""What magnitudes grow with."""
+"""Quantities with which magnitudes scale."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One thing a vehicle may have.
+    """An effect of the virtual vehicle.
 
     Attributes
     ----------
-    name : what it is called.
+    name : of the effect.
     unit : of its magnitude.
-    null : magnitude at which it is not there: 0, 1 for factors, infinity for limits.
-    about : what its magnitude means.
-    low, high : how far from its null it plausibly and visibly lies, in units of `per`; for factors, 0.1 is 1.1 or
+    null : magnitude of the absent effect: 0, 1 for factors, infinity for limits.
+    about : meaning of the magnitude.
+    low, high : range of plausible and detectable distances from null, in units of `per`; for factors, 0.1 is 1.1 or
         1 / 1.1; for limits, the magnitude itself.
     per : a name of `PER`.
-    sides : of its null value.
+    sides : of its null.
     special : low and high of single classes.
-    resembles : for what is outside the vocabulary, effects of it that some recordings cannot tell from this.
+    resembles : for effects outside the vocabulary, those within it that some recordings cannot distinguish from it.
     """
 
     name: str
@@ -72,13 +72,13 @@ class Entry:
     resembles: tuple[str, ...] = ()
 
     def sizes(self, size: Scale, kind: str) -> tuple[float, float]:
-        """How far from its null it lies, at least and at most, on a vehicle of a size and class."""
+        """Least and largest distance from null for a vehicle of a size and class."""
         low, high = self.special.get(kind, (self.low, self.high))
         per = PER[self.per](size)
         return low * per, high * per
 
     def at(self, deviation: float) -> float:
-        """The magnitude that lies so far from null; negative deviations below it."""
+        """The magnitude at a deviation from null; negative deviations are below it."""
         if self.null == 0.0:
             return deviation
         if self.null == inf:
@@ -86,8 +86,8 @@ class Entry:
         return 1.0 + deviation if deviation >= 0.0 else 1.0 / (1.0 - deviation)
 
     def scaled(self, magnitude: float, factor: float, size: Scale, kind: str) -> float:
-        """A magnitude so many times as far from null, no farther than it plausibly lies; of limits, that many times
-        as tight.
+        """A magnitude with `factor` times the distance from null, limited to the plausible range; a limit is divided by
+        `factor`.
         """
         low, high = self.sizes(size, kind)
         if self.null == inf:
@@ -96,13 +96,13 @@ class Entry:
         return float(self.at(float(np.copysign(min(abs(away) * factor, high), away))))
 
     def ranges(self, size: Scale, kind: str) -> tuple[tuple[float, float], ...]:
-        """Magnitudes worth an examination, as one or two intervals (least, most)."""
+        """Magnitudes for an examination, as one or two intervals (least, most)."""
         low, high = self.sizes(size, kind)
         up, down = (self.at(low), self.at(high)), (self.at(-high), self.at(-low))
         return {"up": (up,), "down": (down,), "both": (down, up)}[self.sides]
 
     def draw(self, size: Scale, kind: str, rng: np.random.Generator) -> float:
-        """A magnitude: its distance from null is uniform in the logarithm."""
+        """A random magnitude, whose distance from null is log-uniform."""
         low, high = self.sizes(size, kind)
         side = {"up": 1.0, "down": -1.0, "both": 1.0 if rng.random() < 0.5 else -1.0}[self.sides]
         return float(self.at(side * exp(rng.uniform(log(low), log(high)))))
@@ -251,7 +251,7 @@ _OUTSIDE_SENSORS = (
 EFFECTS = {entry.name: entry for entry in (*_VEHICLE, *_SENSORS)}
 """The effects of the vocabulary."""
 OUTSIDE = {entry.name: entry for entry in (*_OUTSIDE_VEHICLE, *_OUTSIDE_SENSORS)}
-"""Effects that are not in it."""
+"""Effects outside the vocabulary."""
 ALL = {**EFFECTS, **OUTSIDE}
 OF_THE_VEHICLE = tuple(entry.name for entry in (*_VEHICLE, *_OUTSIDE_VEHICLE))
 OF_THE_SENSORS = tuple(entry.name for entry in (*_SENSORS, *_OUTSIDE_SENSORS))
@@ -261,17 +261,17 @@ SECOND = (
     "roll_frequency",  # Hz
     "roll_damping",  # 1
     "motor_saturation_v_b",  # m/s
-    "wind_direction",  # rad, where to: 0 blows along the vehicle at the first row
+    "wind_direction",  # rad, towards which it blows: 0 is along the vehicle at the first row
 )
-"""What some effects need besides their magnitude; it may be given beside them."""
+"""Further parameters of some effects, which can be given, too."""
 
 
 def complete(effects: Mapping[str, float], size: Scale) -> dict[str, float]:
-    """All effects at the magnitudes given, or at their null, and their second parameters.
+    """All effects at the given magnitudes or their nulls, and their further parameters.
 
     Raises
     ------
-    BadInput : a name is not known.
+    BadInput : if a name is unknown.
     """
     if unknown := [name for name in effects if name not in ALL and name not in SECOND]:
         raise BadInput(f"The virtual vehicle has no effect {', '.join(unknown)}; it has {', '.join(ALL)}.")

@@ -1,4 +1,4 @@
-"""What stands where in the arrays the simulator works on."""
+"""Indices into the arrays of the simulator."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ Grid = ndarray[tuple[int, int], dtype[float64]]
 """(n, k) numbers."""
 
 Car: TypeAlias = Any
-"""A numpy record with the fields of `record.FIELDS`, which compiled code reads by name."""
+"""A numpy record with the fields of `record.FIELDS`, which compiled code accesses by name."""
 
 
 def source() -> str:
-    """What all files of the simulator are at this moment, as a hash."""
+    """A hash of all files of the simulator in their present version."""
     files = sorted(Path(__file__).parent.glob("*.py"))
     return sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
 
@@ -26,34 +26,35 @@ def source() -> str:
 V_X, V_Y, YAW_RATE, X, Y, YAW = 0, 1, 2, 3, 4, 5
 LAGGED, HEAT_F, HEAT_R, ROLL, ROLL_RATE, BRAKE_HEAT, SLOSH, SLOSH_RATE = 6, 10, 11, 12, 13, 14, 15, 16
 STATES = 17
-"""State: motion; what lags behind in the four tyres, from LAGGED on; heat of front and rear tyres; roll; heat of the
-brakes; lateral acceleration of what sloshes."""
+"""State: motion; relaxed slip or force of the four tyres, from LAGGED on; heat of front and rear tyres; roll; heat of
+the brakes; lateral acceleration of the sloshing load and its rate."""
 
 A_X, A_Y, YAW_ACCELERATION, ROLL_ACCELERATION, F_YF, F_YR, FRICTION = 0, 1, 2, 3, 4, 5, 6
 SEEN = 7
-"""What is seen of the motion: specific forces, accelerations, lateral forces of axles, friction over that stated."""
+"""Observed motion: specific forces, accelerations, lateral forces of the axles, friction relative to the stated one."""
 
 LOAD, ALONG, ANGLE, ACROSS, ROLLING = 0, 1, 2, 3, 4
 WHEEL = 5
-"""What is seen of a wheel: load, longitudinal force, slip angle, lateral force, speed of its centre along it."""
+"""Observed at a wheel: load, longitudinal force, slip angle, lateral force, speed of its centre in its direction."""
 
 STEER, FORCE, GUST, MASS, TIME = 0, 1, 2, 3, 4
 GIVEN = 5
-"""What the motion is given: road-wheel angle, driving force, gust across, mass over that stated, time since row one."""
+"""Inputs of the motion: road-wheel angle, driving force, crosswind, mass relative to the stated one, time since row
+one."""
 
 FOLLOW, TURN, SPEED, OPEN_DRIVE = 0, 1, 2, 3
 PLAN = 4
-"""What a row of a manoeuvre asks of the driver: 1 to follow the road; lateral acceleration to steer for, on top of that
-of following; speed, or not a number where the road says it or, off the road, where the drive channel is commanded as it
-stands in the last column. Below zero, FOLLOW makes the driver a robot: steering, rad, as it stands in the column
-TURN, and drive as it stands in OPEN_DRIVE or, where a speed is asked for, such as keeps it."""
+"""A row of a manoeuvre: FOLLOW is 1 if the driver follows the road; TURN is the lateral acceleration to steer for, in
+addition to following; SPEED is the speed, or NaN if the road determines it or, off the road, OPEN_DRIVE is the command
+of the drive channel. If FOLLOW is negative, a robot steers by the angle in TURN, rad, with the drive command in
+OPEN_DRIVE or, if SPEED is given, one that keeps it."""
 
 ROAD_X, ROAD_Y, ROAD_YAW, ROAD_CURVATURE, ROAD_SPEED = 0, 1, 2, 3, 4
 ROAD = 5
-"""What is known of a point of the road."""
+"""Data of a point of the road."""
 
 READABLE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y", "yaw_acceleration", "roll", "roll_acceleration")
-"""What sensors read, at the beginning and the end of every step."""
+"""Quantities that sensors read, at the beginning and the end of every step."""
 ROW_TRUTH = (
     *("x", "y", "yaw", "steer", "force", "F_yf", "F_yr", "friction", "deviation", "mass"),
     *(
@@ -62,5 +63,5 @@ ROW_TRUTH = (
         for wheel in ("fl", "fr", "rl", "rr")
     ),
 )
-"""What else is known of every row: pose; road-wheel angle; driving force; lateral forces of axles; friction and mass
-over those stated; distance from the line that is followed, not a number where none is; what is known of each wheel."""
+"""Further true quantities of each row: pose; road-wheel angle; driving force; lateral forces of the axles; friction and
+mass relative to the stated ones; distance from the followed line, NaN if there is none; quantities of each wheel."""

@@ -1,7 +1,7 @@
-"""The simulation itself: a step of one millisecond after the other, the driver asked at every row.
+"""The simulation loop with steps of one millisecond; the driver decides at every row.
 
-Fourth-order Runge-Kutta; a step in which a delayed command arrives is cut there. Row k's commands are applied at its
-time and held; what is read at a row is read just after.
+Fourth-order Runge-Kutta; a step in which a delayed command arrives is divided there. Row k's commands are applied at
+its time and held; the readings of a row follow just after.
 """
 
 from __future__ import annotations
@@ -50,21 +50,21 @@ from .layout import (  # fmt: skip
 )
 
 STEP = 1e-3
-"""s"""
+"""Time step, s."""
 
 _REACH, _SHARE = (0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
 
 
 @compiled
 def read(s: Row, seen: Row, into: Row) -> None:
-    """What sensors could read now, as in `READABLE`."""
+    """Write the quantities that sensors read, as in `READABLE`."""
     into[0], into[1], into[2] = s[V_X], s[V_Y], s[YAW_RATE]
     into[3], into[4], into[5], into[6], into[7] = seen[0], seen[1], seen[2], s[ROLL], seen[3]
 
 
 @compiled
 def note(car: Car, s: Row, given: Row, seen: Row, wheels: Grid, spin: Row, off: float, into: Row) -> None:
-    """The truth of a row, as in `ROW_TRUTH`."""
+    """Write the truth of a row, as in `ROW_TRUTH`."""
     into[0], into[1], into[2], into[3], into[4] = s[X], s[Y], s[YAW], given[STEER], given[FORCE]
     into[5], into[6], into[7], into[8], into[9] = seen[F_YF], seen[F_YR], seen[FRICTION], off, given[MASS]
     for i in range(4):
@@ -77,11 +77,11 @@ def note(car: Car, s: Row, given: Row, seen: Row, wheels: Grid, spin: Row, off: 
 
 @compiled
 def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: float, h: float) -> None:
-    """Wheels that rotate, on for h seconds; implicit in what the tyre gives back.
+    """Advance rotating wheels by h seconds, implicitly in the tyre's reaction.
 
-    What speeds them up, at the vehicle's own rate, `faster`, comes on top: forces are stated as what accelerates the
-    vehicle. While the vehicle goes on, wheels keep their speed, which is that of the middle of the step to come: with
-    that of its beginning slip, and force with it, fall behind by half a step, 1.8 % of a small car's mass.
+    The force that accelerates the wheels with the vehicle, at its rate `faster`, is added, since commanded forces are
+    defined as those that accelerate the vehicle. The rolling speed is that at the middle of the next step: with that at
+    its beginning, slip and force would lag by half a step, which equals 1.8 % of a small car's mass.
     """
     F_xf, F_xr = driven(car, s, given)
     R, I_w = car.wheel_radius, car.I_w
@@ -96,12 +96,12 @@ def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: f
 
 
 class Moment(NamedTuple):
-    """What the simulation carries from step to step.
+    """State of the simulation between steps.
 
     Attributes
     ----------
-    s, rate, change, trial : (STATES,) state and what a step of it needs.
-    seen, given, wheels, spin : as `chassis.motion` takes them.
+    s, rate, change, trial : (STATES,) state and work arrays of a step.
+    seen, given, wheels, spin : as in `chassis.motion`.
     chain, mind : of the actuators and of the driver.
     """
 
@@ -118,7 +118,7 @@ class Moment(NamedTuple):
 
 
 def first_moment(car: Car, start: Row) -> Moment:
-    """Of a vehicle at (v_x, v_y, yaw_rate) that has been driven like this for long."""
+    """The state of a vehicle with v_x, v_y, yaw_rate in steady driving."""
     state, rest = np.zeros(STATES), (np.zeros(STATES), np.zeros(STATES), np.zeros(STATES))
     state[V_X], state[V_Y], state[YAW_RATE] = start
     spin = np.full(4, state[V_X] / float(car["wheel_radius"]))
@@ -129,7 +129,7 @@ def first_moment(car: Car, start: Row) -> Moment:
 
 @cache
 def simulator() -> Callable[..., None]:
-    """The compiled simulation, `advance` below; compiling takes some seconds the first time after a change."""
+    """The compiled simulation, `advance` below; compilation takes some seconds the first time after a change."""
     return _simulator(source())
 
 
@@ -144,16 +144,15 @@ def _simulator(stamp: str) -> Callable[..., None]:
         ----------
         car, knows : records of the vehicle and of its driver.
         road, spacing : (n, ROAD) points and the distance between them, m.
-        plan : (rows, PLAN) what is asked of the driver; rows to come are not read.
-        first : row at which the world is laid out anew: x, y and yaw are zero there.
-        hold : steps from row to row.
-        gusts : (steps,) across, m/s, or (1,) if there are none.
-        now : where everything stands; it is moved on.
-        begin, end : the first step that is taken, and the one after the last; steps after the last row hold its
-            commands.
-        commands : (rows, 2) steering and drive as commanded; written.
+        plan : (rows, PLAN) for the driver; future rows are not read.
+        first : row at which the origin of the world is set: x, y and yaw are zero there.
+        hold : steps per row.
+        gusts : (steps,) crosswind, m/s, or (1,) if there is none.
+        now : state of the simulation, which is advanced.
+        begin, end : first step, and the one after the last; steps after the last row hold its commands.
+        commands : (rows, 2) steering and drive commands; written.
         readable : (steps, 2, k) `READABLE` at the beginning and at the end of every step; written.
-        truth : (rows, k) `ROW_TRUTH` just after every row's time; written.
+        truth : (rows, k) `ROW_TRUTH` just after each row's time; written.
         """
         assert stamp
         rows = len(plan)
@@ -188,9 +187,9 @@ def _simulator(stamp: str) -> Callable[..., None]:
                 jump(car, chain, steer, requested)
                 given[STEER], given[FORCE] = road_wheel(car, chain, s[V_X]), wheel_force(car, chain, s[V_X])
                 settling = car.loads_shift > 0.0 and (fresh or before != after)
-                for _ in range(20 if k == 0 else (4 if settling else 1)):  # until loads agree
+                for _ in range(20 if k == 0 else (4 if settling else 1)):  # until loads converge
                     motion(car, s, given, spin, seen, wheels, rate)
-                    if k == 0:  # settled: nothing lags behind
+                    if k == 0:  # steady state: no lags
                         for i in range(LAGGED, LAGGED + 4):
                             trial[i] = rate[i]
                         s[ROLL] = car.roll_dynamics * seen[1]
@@ -225,11 +224,11 @@ def _simulator(stamp: str) -> Callable[..., None]:
 
 @compiled
 def settle_tyres(car: Car, s: Row, rate: Row, wheels: Grid) -> None:
-    """Tyres that have rolled like this for long: what lags has arrived."""
+    """Set the tyres' relaxation states to their steady values."""
     if car.tyre_relaxation == 0.0:
         return
     for i in range(4):
-        if car.form_relaxation == 1:  # a share of the peak; its rate is pace times what is lacking
+        if car.form_relaxation == 1:  # a share of the peak; its rate is pace times the difference to steady state
             pace = min(abs(wheels[i, ROLLING]) / car.tyre_relaxation, 1500.0)
             s[LAGGED + i] += rate[LAGGED + i] / max(pace, 1e-6)
         else:

@@ -1,7 +1,7 @@
-"""What a driver is asked to do: laps, sweeps, steps, brakings, and all of them one after the other.
+"""Plans of manoeuvres for a driver: laps, sweeps, steps, braking, and all of them one after the other.
 
-A plan has a row per row of the recording, see `layout.PLAN`. Sideways it asks for accelerations within a share of the
-grip, which the driver turns into steering for the speed there is, as the stated vehicle would need it.
+A plan has one row per row of the recording, see `layout.PLAN`. Lateral requests are accelerations within a share of the
+grip, which the driver converts to steering angles at the present speed with the stated vehicle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _plan(rows: int) -> Grid:
 
 
 def _noise(rows: int, rate: float, slow: float, fast: float, rng: np.random.Generator) -> Row:
-    """A smooth signal of rms one with frequencies from slow to fast, Hz."""
+    """A smooth signal with rms one and frequencies from slow to fast, Hz."""
     time = np.arange(rows) / rate
     frequencies = np.exp(rng.uniform(np.log(slow), np.log(fast), 12))
     waves = [np.sin(2.0 * np.pi * (f * time + rng.random())) for f in frequencies]
@@ -36,13 +36,13 @@ def _noise(rows: int, rate: float, slow: float, fast: float, rng: np.random.Gene
 
 
 def _speeds(size: Scale, rows: int, rate: float, mean: float, swing: float, rng: np.random.Generator) -> Row:
-    """Speed, m/s, that swings slowly about a share of the top speed."""
+    """Speed, m/s, that varies slowly around a share of the top speed."""
     share = mean + swing * _noise(rows, rate, 0.06, 0.25, rng)
     return np.clip(share * size.top_speed, 1.1 * size.least_speed, size.top_speed)
 
 
 def lap(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Along the road, with a little livelier steering than it needs."""
+    """Along the road, with slightly livelier steering than necessary."""
     plan = _plan(rows)
     plan[:, FOLLOW], plan[:, SPEED] = 1.0, nan
     plan[:, TURN] = 0.07 * size.grip * _noise(rows, rate, 0.5, _LIVELY, rng)
@@ -50,7 +50,7 @@ def lap(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
 
 
 def sweep(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Slalom that grows faster."""
+    """Slalom of increasing frequency."""
     plan, share = _plan(rows), np.linspace(0.0, 1.0, rows)
     frequency = 0.25 * (_LIVELY / 0.25) ** share
     phase = 2.0 * np.pi * np.cumsum(frequency) / rate
@@ -60,7 +60,7 @@ def sweep(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid
 
 
 def steps(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Steps of the steering to either side, held for half a second to two."""
+    """Steps of the steering to both sides, each held for half a second to two."""
     plan, at, side = _plan(rows), 0, 1.0
     while at < rows:
         lasts = int(rate * rng.uniform(0.5, 2.0) * max(size.time, 0.6))
@@ -73,7 +73,7 @@ def steps(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid
 
 
 def weave(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Random steering at speeds that swing."""
+    """Random steering at varying speeds."""
     plan = _plan(rows)
     turn = 0.28 * _noise(rows, rate, 0.15, _LIVELY, rng)
     plan[:, TURN] = size.grip * np.clip(turn, -0.6, 0.6)
@@ -82,7 +82,7 @@ def weave(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid
 
 
 def brake_in_turn(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Into a turn, brake or accelerate in it, and out of it."""
+    """Turns with braking or acceleration in each."""
     plan, at, side = _plan(rows), 0, 1.0
     period = max(6.0 * size.time, 3.5)
     while at < rows:
@@ -102,7 +102,7 @@ def brake_in_turn(size: Scale, rows: int, rate: float, rng: np.random.Generator)
 
 
 def accelerate(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """Up and down with speed, hard, nearly straight."""
+    """Strong acceleration and braking, nearly straight."""
     plan, at = _plan(rows), 0
     slow = True
     while at < rows:
@@ -115,7 +115,7 @@ def accelerate(size: Scale, rows: int, rate: float, rng: np.random.Generator) ->
 
 
 def coast(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid:
-    """No drive and no brakes."""
+    """Coasting without drive and brakes."""
     plan = _plan(rows)
     plan[:, SPEED] = nan
     plan[:, TURN] = 0.05 * size.grip * _noise(rows, rate, 0.3, _LIVELY, rng)
@@ -123,7 +123,7 @@ def coast(size: Scale, rows: int, rate: float, rng: np.random.Generator) -> Grid
 
 
 def straight(size: Scale, rows: int, speed: float) -> Grid:
-    """Straight on at a speed, m/s."""
+    """Straight driving at a speed, m/s."""
     plan = _plan(rows)
     plan[:, SPEED] = max(speed, 1.1 * size.least_speed)
     return plan
@@ -140,7 +140,7 @@ PIECES: Mapping[str, _Piece] = {
 }
 _MIX = {"laps": 0.34, "slalom": 0.14, "steps": 0.15, "weave": 0.09, "brake_in_turn": 0.13, "acceleration": 0.15}
 MANOEUVRES = ("mixed", *PIECES)
-"""Names of manoeuvres; mixed is all of them one after the other, in random order."""
+"""Names of manoeuvres; "mixed" is all of them one after the other, in random order."""
 
 
 def planned(
@@ -152,10 +152,10 @@ def planned(
     ----------
     name : one of `MANOEUVRES`.
     size : of the vehicle.
-    rows, run_in : of the recording, and before it, straight on.
-    rate : rows a second.
+    rows, run_in : number of rows of the recording, and of straight driving before.
+    rate : rows per second.
     road_speed : at the beginning of the road, m/s.
-    rng : draws what is left open.
+    rng : random generator.
 
     Returns
     -------
@@ -163,7 +163,7 @@ def planned(
 
     Raises
     ------
-    BadInput : there is no such manoeuvre.
+    BadInput : if the manoeuvre is unknown.
     """
     if name not in MANOEUVRES:
         raise BadInput(f"There is no manoeuvre {name}; choose one of {', '.join(MANOEUVRES)}.")
@@ -187,21 +187,21 @@ def _mixed(size: Scale, rows: int, rate: float, road_speed: float, rng: np.rando
         speed = piece[0, SPEED]
         body += [straight(size, between, 0.9 * road_speed if np.isnan(speed) else float(speed)), piece]
         if name == "acceleration":
-            piece[-int(1.5 * rate) :, SPEED] = 0.95 * size.top_speed  # from there it coasts
+            piece[-int(1.5 * rate) :, SPEED] = 0.95 * size.top_speed  # coasting starts from here
             body.append(coast(size, coasting, rate, rng))
     body.append(straight(size, between, 0.6 * size.top_speed))
     return body
 
 
 def robot(steer: Row, drive: Row) -> Grid:
-    """A plan of commands as they are: steering, rad, and drive, in the unit of its channel; (rows,) each."""
+    """A plan of given commands: steering, rad, and drive, in the unit of its channel; (rows,) each."""
     plan = _plan(len(steer))
     plan[:, FOLLOW], plan[:, TURN], plan[:, OPEN_DRIVE], plan[:, SPEED] = -1.0, steer, drive, nan
     return plan
 
 
 def steering_robot(steer: Row, speed: Row) -> Grid:
-    """A plan of steering as it is, rad, at a speed that the driver keeps, m/s; (rows,) each."""
+    """A plan of given steering, rad, at a speed that the driver keeps, m/s; (rows,) each."""
     plan = robot(steer, np.zeros(len(steer)))
     plan[:, SPEED] = speed
     return plan
@@ -211,17 +211,17 @@ _POINTS = 4096
 
 
 def closed_road(size: Scale, usage: float, rng: np.random.Generator) -> tuple[Grid, float]:
-    """A random closed road and the speeds at which a vehicle uses a share of its grip on it.
+    """A random closed road, and the speeds at which a vehicle uses a share of its grip on it.
 
     Parameters
     ----------
-    size : of the vehicle: curves are as narrow as it can take a little above its least speed.
-    usage : share of the grip that the fastest driving uses.
-    rng : draws the road.
+    size : of the vehicle: the narrowest curves can be driven slightly above its least speed.
+    usage : share of the grip that is used.
+    rng : random generator of the road.
 
     Returns
     -------
-    road : (n, ROAD) x, y, yaw, curvature, speed, from (0, 0, 0) on.
+    road : (n, ROAD) x, y, yaw, curvature, speed, starting at (0, 0, 0).
     spacing : between points, m.
     """
     length = size.top_speed * size.time * rng.uniform(16.0, 26.0)
@@ -246,7 +246,7 @@ def closed_road(size: Scale, usage: float, rng: np.random.Generator) -> tuple[Gr
 
 
 def _drawn(swing: Row, phase: Row, length: float) -> tuple[Row, Row, Row, Row, float]:
-    """A closed curve whose distance from its centre swings, scaled to a length, in equal steps from the origin."""
+    """A closed curve with varying distance from its centre, scaled to a length, at equal steps from the origin."""
     angle = np.arange(_POINTS) * (2.0 * pi / _POINTS)
     radius = 1.0 + sum(a * np.cos(k * angle + p) for k, a, p in zip(range(2, 8), swing, phase, strict=True))
     radius = np.maximum(radius, 0.15)

@@ -1,7 +1,7 @@
-"""In which mathematical form the vehicle has what it has: the usual one of models, or another that is in use as well.
+"""Mathematical forms of the vehicle's parts: those of the models, or others in common use.
 
-The magnitude of an effect means the same in every form: a time constant is the delay it makes to slow signals, a
-relaxation length holds at the static wheel load, tyre curves are laid on the magic formula.
+Magnitudes of effects mean the same in every form: a time constant is the delay of slow signals, a relaxation length
+refers to the static wheel load, tyre curves are fitted to the magic formula.
 """
 
 from __future__ import annotations
@@ -38,38 +38,38 @@ CHOICES: dict[str, tuple[str, ...]] = {
     "wind": ("drag_area", "side_area"),
     "latency": ("constant", "jittering"),
 }
-"""What can be chosen, the form of models first."""
+"""Choices of forms; that of the models first."""
 EFFECTS_ALREADY = ("latency", "stiffness")
-"""A latency that jitters, and a stiffness that grows less than its load, are effects of the vocabulary: they are never
-drawn as mere forms."""
+"""A jittering latency, and a stiffness that grows less than its load, are effects of the vocabulary, so they are never
+drawn as forms."""
 FAR_OFF = {"tyre": ("dugoff",)}
-"""Forms that no magic formula comes near: with the same stiffness and friction Dugoff's curve lies 5 % of the peak off.
-A file that states its numbers within a percent is not about such a tyre; these are only chosen by name."""
+"""Forms that no magic formula approximates: with the same stiffness and friction, Dugoff's curve differs by 5 % of the
+peak. A file that states numbers within a percent cannot describe such a tyre; these are only chosen by name."""
 
 
 @dataclass(frozen=True)
 class Forms:
-    """One form for each thing.
+    """A form for each part.
 
     Attributes
     ----------
     tyre : lateral force over slip angle: magic formula; TMeasy (Rill, Road Vehicle Dynamics, Sec. 3.4); brush with
         parabolic pressure (Pacejka, Tire and Vehicle Dynamics, Sec. 3.2); Dugoff, Fancher & Segel (SAE 700377); tanh.
-    stiffness : cornering stiffness grows with wheel load; less and less (Pacejka, Sec. 4.3.1).
+    stiffness : cornering stiffness proportional to wheel load; growing less than load (Pacejka, Sec. 4.3.1).
     relaxation : of the slip angle; of the lateral force; of the slip angle over a length that grows with wheel load.
     combined : friction ellipse on the force; on the tyre's peak, its slope unchanged (Hindiyeh & Gerdes 2014).
     load_sensitivity : friction falls linearly with wheel load; as a power of it.
-    temperature : friction falls with all work done; each axle has a heat balance with cooling.
-    steering_lag : of first order; of second order, critically damped, equally late.
-    rate_limit : a hard limit; a PI servo that drives at no more than that rate.
-    backlash : play; play whose flanks give.
+    temperature : friction falls with total friction work; each axle has a heat balance with cooling.
+    steering_lag : first order; second order, critically damped, with equal delay.
+    rate_limit : a hard limit; a PI servo with limited rate.
+    backlash : play; play with elastic stops.
     saturation : constant force, then constant power; a smooth torque curve between the two.
-    roll : seen by the accelerometer alone; wheel loads follow the roll angle as well.
-    wheels : longitudinal forces are as commanded; wheels rotate and make them by their slip.
-    geometry : slip at the middle of axles; at each wheel where it stands, steered halfway from parallel to Ackermann.
-    drag : rolling resistance constant and drag with squared speed; the one growing, the other with a lower power.
+    roll : affects only the accelerometer; wheel loads follow the roll angle, too.
+    wheels : longitudinal forces are as commanded; wheels rotate, and forces follow from their slip.
+    geometry : slip at the centre of axles; at each wheel, steered halfway between parallel and Ackermann.
+    drag : constant rolling resistance and drag with squared speed; growing resistance, and a lower power of drag.
     wind : the same area from the front and from the side; half as much again from the side.
-    latency : constant; scattered about its mean.
+    latency : constant; random around its mean.
     """
 
     tyre: str = "pacejka"
@@ -95,7 +95,7 @@ class Forms:
                 raise BadInput(f'The form of {field.name} is one of {", ".join(CHOICES[field.name])}, not "{form}".')
 
     def numbers(self) -> dict[str, float]:
-        """Each form's place among its choices."""
+        """Index of each form among its choices."""
         return {name: float(choices.index(getattr(self, name))) for name, choices in CHOICES.items()}
 
 
@@ -103,7 +103,7 @@ NOMINAL = Forms()
 
 
 def other(rng: np.random.Generator) -> Forms:
-    """Another form for everything, where there are several one of them."""
+    """A different form of each part, randomly chosen if there are several."""
     near = {name: [form for form in forms[1:] if form not in FAR_OFF.get(name, ())] for name, forms in CHOICES.items()}
     return Forms(**{name: str(rng.choice(forms)) for name, forms in near.items() if name not in EFFECTS_ALREADY})
 
@@ -121,13 +121,13 @@ _RECORD = np.dtype([(name, np.float64) for name in FIELDS])
 _THROUGH_ACCELERATION = (
     *("load_sensitivity", "longitudinal_load_transfer", "steering_compliance", "rear_compliance", "sloshing_load"),
 )
-"""What makes forces depend on accelerations, which then have to be found together."""
+"""Effects that make forces depend on accelerations, so that both are solved together."""
 _WHEEL_INERTIA = 0.007
-"""Of one wheel over mass times squared wheel radius, where the vehicle does not state it."""
+"""Inertia of one wheel over mass times squared wheel radius, if the vehicle does not state it."""
 
 
 def record(car: VirtualCar, magnitudes: Mapping[str, float], forms: Forms) -> Car:
-    """The record of a vehicle with effects, all of them at the magnitudes that `effects.complete` gives."""
+    """The record of a vehicle with effects, at the magnitudes from `effects.complete`."""
     size = car.size
     p = {name: car.parameters[name] for name in PARAMETERS}
     p["l_f"], p["l_r"] = p["l_f"] - magnitudes["cog_shift"], p["l_r"] + magnitudes["cog_shift"]
@@ -168,7 +168,7 @@ def record(car: VirtualCar, magnitudes: Mapping[str, float], forms: Forms) -> Ca
 
 
 def _shape(B: float, C: float, E: float) -> tuple[float, float, float]:
-    """Where the magic formula peaks, where it has slid, and its share of the peak there; slips times B C."""
+    """Peak of the magic formula, start of sliding, and its share of the peak there; slips times B C."""
     slips = np.linspace(0.01, 60.0, 6000)
     shares = np.sin(C * np.arctan(slips - E * (slips - np.arctan(slips))))
     top = int(np.argmax(shares))

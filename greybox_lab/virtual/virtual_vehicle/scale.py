@@ -1,4 +1,4 @@
-"""How large, how fast and how heavy a vehicle is: what manoeuvres, drivers and magnitudes are measured in."""
+"""Size, time scale and weight of a vehicle, in which manoeuvres, drivers and magnitudes are expressed."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ PARAMETERS = (
     *("B_f", "C_f", "D_f", "E_f", "B_r", "C_r", "D_r", "E_r", "c_0", "c_1", "c_2"),
     *("drive_split_front", "brake_split_front", "force_per_unit"),
 )
-"""What a vehicle must state to be simulated."""
+"""Parameters that a vehicle must state to be simulated."""
 
 _CAR = 2.76
-"""Wheelbase, m, of the full-size car to which times are scaled."""
+"""Wheelbase of the full-size car to which times are scaled, m."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Size and pace of a vehicle.
+    """Size and time scale of a vehicle.
 
     Attributes
     ----------
     length : wheelbase, m.
-    time : what takes a full-size car one second takes this one so long, s (Froude: root of the length).
+    time : duration of what takes a full-size car one second, s (Froude: root of the length).
     weight : N.
     top_speed : a brisk speed on a test track, m/s.
-    least_speed : what is not fallen short of while driving, m/s.
+    least_speed : least speed while driving, m/s.
     grip : largest steady lateral acceleration, m/s^2.
     drive, brake : largest accelerations that leave the wheels some of their grip, m/s^2.
-    understeer : steering per lateral acceleration beyond the wheelbase over the radius, rad s^2/m.
-    peak_slip : slip angle of the front tyres beyond which there is little to gain, rad.
+    understeer : steering angle per lateral acceleration, beyond wheelbase over radius, rad s^2/m.
+    peak_slip : slip angle of the front tyres beyond which the force hardly grows, rad.
     steer_max : rad.
     yaw_noise, accel_noise : sd of the gyro, rad/s, and of the accelerometer, m/s^2.
     """
@@ -55,21 +55,21 @@ class Scale:
 
 
 def scale(p: Mapping[str, float], top_speed: float, steer_max: float, noise: Mapping[str, float]) -> Scale:
-    """Size and pace of a vehicle.
+    """Size and time scale of a vehicle.
 
     Parameters
     ----------
     p : `PARAMETERS`, SI units.
     top_speed : m/s.
     steer_max : rad.
-    noise : sd of sensors by signal; yaw_rate and a_y are read.
+    noise : sd of sensors by signal, of which yaw_rate and a_y are used.
     """
     length = p["l_f"] + p["l_r"]
     grip = G * min(p["D_f"], p["D_r"])
     slope_f, slope_r = (p[f"B_{axle}"] * p[f"C_{axle}"] * p[f"D_{axle}"] for axle in "fr")
 
     def traction(front: float) -> float:
-        """Acceleration at which the first axle slides, the force split like this."""
+        """Acceleration at which the first axle slides, for this split of the force."""
         shares = ((p["l_r"] / length, front), (p["l_f"] / length, 1.0 - front))
         return grip * min(load / share for load, share in shares if share > 0)
 

@@ -1,7 +1,7 @@
-"""What sensors make of the motion: when they read, where they sit, what they add, and how they fail.
+"""Readings of sensors from the motion: their instants, mounting, errors and failures.
 
-What is readable is known at the beginning and the end of every step of the simulation and runs straight between, so
-that a reading is taken at any instant, and accelerations may jump from one step to the next.
+The motion is known at the beginning and the end of every simulation step and interpolated linearly between, so that
+readings can be taken at any instant, and accelerations may jump from one step to the next.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _TINY = 1e-9
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion as sensors could read it.
+    """The motion that sensors read.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Motion:
     first: int
 
     def at(self, name: str, instants: Row) -> Row:
-        """A quantity at instants, s since the first row, just after what happens there."""
+        """A quantity at instants, s since the first row, just after any jump there."""
         k = READABLE.index(name)
         place = np.clip(self.first + instants / STEP, 0.0, len(self.readable) - _TINY)
         step = np.minimum((place + 1e-6).astype(int), len(self.readable) - 1)
@@ -45,14 +45,14 @@ class Motion:
 
 
 def instants(time: Row, effects: Mapping[str, float], scatters: bool, rng: np.random.Generator) -> dict[str, Row]:
-    """True instants at which each channel is read at every row, s.
+    """True instants of each channel's readings at every row, s.
 
     Parameters
     ----------
     time : (n,) stamps, s.
     effects : magnitudes.
-    scatters : latencies vary about their mean.
-    rng : draws jitter and scatter.
+    scatters : whether latencies vary around their mean.
+    rng : random generator of jitter and scatter.
     """
     n, moment = len(time), time + effects["timestamp_jitter"] * rng.standard_normal(len(time))
     imu, yaw, speed = (np.full(n, effects[f"sensor_latency_{name}"]) for name in ("imu", "yaw", "vx"))
@@ -70,11 +70,11 @@ def read(
 
     Parameters
     ----------
-    motion : that of the vehicle.
+    motion : of the vehicle.
     when : instants by channel, (n,) s.
     effects : magnitudes.
     car : h_cg, wheel_radius [m] and top_speed [m/s].
-    rng : draws drifts.
+    rng : random generator of drifts.
     """
     at, x, n = when["a_x"], effects["imu_lever_arm"], len(when["a_x"])
     a_x = motion.at("a_x", at) - x * motion.at("yaw_rate", at) ** 2
@@ -117,7 +117,7 @@ def read(
 
 
 def hung(seen: Reading, time: Row, effects: Mapping[str, float], rng: np.random.Generator) -> dict[str, Row]:
-    """Readings with rows at which sensors repeat their last one."""
+    """Readings with rows at which sensors repeat their last reading."""
     n = len(time)
     dropped = rng.random(n) < effects["dropped_samples"]
     dead = np.zeros(n, bool)
@@ -141,13 +141,13 @@ def noisy(
 
     Parameters
     ----------
-    seen : without.
-    sd : of each channel's noise; channels without one are left out.
+    seen : readings without noise.
+    sd : of each channel's noise; channels without one are omitted.
     period : between rows, s.
     colour : share of the variance that is correlated, over 0.08 s.
-    outliers : share of readings that are off by 5 to 10 sd.
-    quantisation : step of readings over their sd.
-    rng : draws.
+    outliers : share of readings with errors of 5 to 10 sd.
+    quantisation : step of readings relative to their sd.
+    rng : random generator.
     """
     result, keeps = {}, np.exp(-period / 0.08)
     for name in _CHANNELS:
@@ -162,19 +162,19 @@ def noisy(
 
 
 def _autoregressive(keeps: float, shocks: Row) -> Row:
-    """AR(1) of variance one."""
-    first = np.array([shocks[0] * (1.0 - np.sqrt(1.0 - keeps**2))])  # of variance one from the beginning
+    """AR(1) process of variance one."""
+    first = np.array([shocks[0] * (1.0 - np.sqrt(1.0 - keeps**2))])  # stationary from the beginning
     return np.asarray(lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], shocks, zi=first)[0], float)
 
 
 def _drift(at: Row, rng: np.random.Generator) -> Row:
-    """A random walk whose sd is one after a minute."""
+    """A random walk with an sd of one after a minute."""
     steps = np.sqrt(np.abs(np.diff(at, prepend=at[0])) / 60.0)
     return np.asarray(np.cumsum(steps * rng.standard_normal(len(at))))
 
 
 def _pulsed(v: Row, step: float) -> Row:
-    """A speed counted in pulses; too slow ones are not seen."""
+    """A speed counted in pulses, zero below ten steps."""
     if step == 0.0:
         return v
     counted = step * np.round(v / step)

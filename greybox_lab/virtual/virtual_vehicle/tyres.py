@@ -1,8 +1,8 @@
-"""Tyres, one wheel at a time: curves of lateral force over slip, and what friction is left.
+"""Tyres, one wheel at a time: curves of lateral force over slip, and factors on friction.
 
-All curves are shares of the peak. Those that are not the magic formula are drawn over t, slope times tan(alpha) over
-peak, and laid on the magic formula of the same vehicle (`fitted`). They describe the same tyre: its cornering stiffness
-and its friction are those that are stated, within a few percent.
+All curves are relative to the peak. Other curves than the magic formula are functions of t, slope times tan(alpha) over
+peak, and are fitted to the magic formula of the same vehicle (`fitted`). They describe the same tyre: its cornering
+stiffness and friction are the stated ones within a few percent.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from .layout import Car, Row
 
 MAGIC, TMEASY, BRUSH, DUGOFF, TANH = 0, 1, 2, 3, 4
 SLOPE_OFF, PEAK_OFF = 0.03, 0.02
-"""How far a form's slope and peak may lie from those of the magic formula that describes the tyre: twice the tolerances
-that files state. Further off it would be another stiffness or grip, which are effects."""
+"""Largest relative differences of a form's slope and peak from those of the magic formula of the tyre: twice the
+tolerances in vehicle files. Larger ones would be another stiffness or grip, which are effects."""
 LEAST_PEAK_T = 2.0
-"""Of TMeasy: with a nearer peak its curve would bend upwards."""
+"""For TMeasy: with a nearer peak, its curve would have an upward bend."""
 LOWER_PEAK = 1
 POWER = 1
 HEAT_BALANCE = 1
 _DEGRESSIVE = 2.6
-"""Load over static load at which stiffness is largest, in the form in which it does not keep growing."""
+"""Ratio of load to static load at which stiffness is largest, in the form in which it does not grow further."""
 
 
 @compiled
 def shape(form: float, t: float, peak_t: float, slide_t: float, slide: float) -> float:
-    """Share of the peak with slope one at zero.
+    """Share of the peak, with slope one at zero.
 
-    TMeasy reaches one at `peak_t` (at least 2) and `slide` from `slide_t` on; the others have no such numbers.
+    TMeasy reaches one at `peak_t` (at least 2) and `slide` from `slide_t` on; other forms have no such parameters.
     """
     size = abs(t)
     if form == BRUSH:
@@ -60,7 +60,7 @@ def shape(form: float, t: float, peak_t: float, slide_t: float, slide: float) ->
 
 @compiled
 def curve(car: Car, front: bool, alpha: float, stiffness: float) -> float:
-    """Share of the peak lateral force at a slip angle, rad; `stiffness` multiplies the slope alone."""
+    """Share of the peak lateral force at a slip angle, rad; `stiffness` multiplies only the slope."""
     B, C, E = (car.B_f, car.C_f, car.E_f) if front else (car.B_r, car.C_r, car.E_r)
     if car.form_tyre == MAGIC:
         slip = stiffness * B * alpha
@@ -77,9 +77,9 @@ def curve(car: Car, front: bool, alpha: float, stiffness: float) -> float:
 def fitted(
     form: float, B: float, C: float, E: float, peak_t: float, slide_t: float, slide: float
 ) -> tuple[float, float, float]:
-    """Factors on t and on the peak, and the place of TMeasy's peak, that lay a form on the magic formula.
+    """Factors on t and on the peak, and position of TMeasy's peak, that fit a form to the magic formula.
 
-    Up to a slip a little beyond the peak; slope and peak stay within `SLOPE_OFF` and `PEAK_OFF` of what is stated.
+    The fit extends slightly beyond the peak; slope and peak stay within `SLOPE_OFF` and `PEAK_OFF` of the stated ones.
     """
     if form == MAGIC:
         return 1.0, 1.0, peak_t
@@ -100,7 +100,7 @@ def fitted(
 
 @compiled
 def stiffness_factor(form: float, F_z: float, F_z0: float) -> float:
-    """Slope per load over that at the static load: one, or falling with load (Pacejka's sin(2 atan))."""
+    """Slope per load relative to that at static load: one, or falling with load (Pacejka's sin(2 atan))."""
     if form == 0.0 or F_z <= 0.0:
         return 1.0
     x, x_0 = F_z / (F_z0 * _DEGRESSIVE), 1.0 / _DEGRESSIVE
@@ -109,7 +109,7 @@ def stiffness_factor(form: float, F_z: float, F_z0: float) -> float:
 
 @compiled
 def load_factor(form: float, k: float, F_z: float, F_z0: float) -> float:
-    """Friction at a wheel load over that at the static one; -k is its slope there."""
+    """Friction at a wheel load relative to that at static load; -k is its slope there."""
     if k == 0.0:
         return 1.0
     if form == POWER:
@@ -119,9 +119,9 @@ def load_factor(form: float, k: float, F_z: float, F_z0: float) -> float:
 
 @compiled
 def warmth_factor(form: float, A: float, E_0: float, own_heat: float, other_heat: float) -> float:
-    """Friction of an axle's warm tyres over that of cold ones.
+    """Friction of an axle's warm tyres relative to cold ones.
 
-    The heats are the friction work of both axles, J, or, as `HEAT_BALANCE`, their relative temperatures.
+    Heats are the friction work of both axles, J, or, for `HEAT_BALANCE`, their relative temperatures.
     """
     if A == 0.0:
         return 1.0
@@ -132,7 +132,7 @@ def warmth_factor(form: float, A: float, E_0: float, own_heat: float, other_heat
 
 @compiled
 def left_beside(strength: float, F_x: float, peak: float) -> float:
-    """Share of the peak lateral force left beside a longitudinal force, by the friction ellipse."""
+    """Share of the peak lateral force that a longitudinal force leaves, by the friction ellipse."""
     if strength == 0.0:
         return 1.0
     if peak <= 0.0:
