@@ -107,13 +107,13 @@ def same_readings(names: Sequence[str]) -> bool:
 def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
     """Effects below the detection limit of this recording, with that limit, and effects that tolerances absorb."""
     weak, absorbed = {}, []
-    for item in examined.selection.promised:
+    for item in examined.selection.expected_gains:
         name, axis = item.candidate.effect, item.candidate.axes[0]
         typical = examined.effects[name].typical
         size = abs(axis.coordinate(typical) - axis.null)
         if name in examined.best.names or not isfinite(item.sd) or 2 * item.sd < size:
             continue
-        if item.told < CAL.hidden:
+        if item.remaining_information < CAL.hidden:
             absorbed.append(name)
         elif 2 * item.sd > axis.high - axis.low:
             weak[name] = "any size"
@@ -128,7 +128,7 @@ def limits(examined: Examined) -> dict[str, Limit]:
     Effects whose limit only a refit gives are left out.
     """
     sizes = {}
-    for entry in examined.selection.promised:
+    for entry in examined.selection.expected_gains:
         name, axis, reach = entry.candidate.effect, entry.candidate.axes[0], 2 * entry.sd
         if name in examined.best.names or not isfinite(entry.sd):
             continue
@@ -136,5 +136,5 @@ def limits(examined: Examined) -> dict[str, Limit]:
         usual = abs(axis.coordinate(typical) - axis.null)
         beyond = reach > axis.high - axis.low
         size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
-        sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), entry.told)
+        sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), entry.remaining_information)
     return dict(sorted(sizes.items(), key=lambda item: -item[1].share))

@@ -29,7 +29,7 @@ from .selection import Selection
 
 
 @dataclass(frozen=True)
-class _Hopeful:
+class _PartCandidate:
     """A candidate that acts in part of the rows, beside a parent hypothesis.
 
     Attributes
@@ -51,7 +51,7 @@ class _Begun:
     """A hypothesis one of whose effects acts in part of the rows, and what refits it."""
 
     search: Search
-    own: Hypothesis
+    hypothesis: Hypothesis
 
 
 def with_beginnings(
@@ -80,21 +80,23 @@ def with_beginnings(
     parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
     result = list[_Begun]()
     for parent in parents.values():
-        for hopeful in _hopeful(search, parent, candidates, cost, min(known.cost, parent.cost))[: CAL.begun]:
-            begun = _refitted(search, hopeful)
-            if begun is not None and score(begun.own) < score(known) + CAL.alike:
+        for part_candidate in _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost))[
+            : CAL.begun
+        ]:
+            begun = _refitted(search, part_candidate)
+            if begun is not None and score(begun.hypothesis) < score(known) + CAL.alike:
                 result.append(begun)
     if not result:
         return selection
-    best = _placed(min(result, key=lambda each: score(each.own)))
-    if score(best.own) >= score(known):
+    best = _placed(min(result, key=lambda each: score(each.hypothesis)))
+    if score(best.hypothesis) >= score(known):
         return selection
     return _weighed(selection, best, result, whitener, score)
 
 
-def _hopeful(
+def _part_candidates(
     search: Search, parent: Hypothesis, candidates: Sequence[Candidate], cost: Costs, least: float
-) -> list[_Hopeful]:
+) -> list[_PartCandidate]:
     """Effects that may gain enough by acting in part of the rows only, to first order, best first.
 
     Second parameters are as stated: in other forms, which resemble tolerances of tyres more, they gain on vehicles
@@ -112,7 +114,7 @@ def _hopeful(
     if not new:
         return []
     J = search.bench.linearise(search.vector(parent), [item.axes[0].index for item in new])[1]
-    everywhere, places, gains, steps = _in_parts(search, parent, J)
+    everywhere, places, gains, steps = _gains_in_parts(search, parent, J)
     result = []
     for k, item in enumerate(new):
         axis, null = item.axes[0], search.where(parent, item.axes[0])
@@ -122,11 +124,11 @@ def _hopeful(
         needed = max(everywhere[k] + CAL.begins, cost(item.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
         if expected[best] > needed:
             m = (float(at[best]), *item.held)
-            result.append(_Hopeful(parent, item, places[best], float(expected[best]), m))
+            result.append(_PartCandidate(parent, item, places[best], float(expected[best]), m))
     return sorted(result, key=lambda each: -each.gain)
 
 
-def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
+def _gains_in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
     """Gains of single effects everywhere and in parts of the rows, nuisances and the parent's magnitudes refitted.
 
     Parameters
@@ -179,28 +181,28 @@ def _products(A: Array, B: Array) -> Array:
     return np.asarray(A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2]))
 
 
-def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
+def _refitted(search: Search, part_candidate: _PartCandidate) -> _Begun | None:
     """A hopeful effect beside its parent, refitted from the parent's nuisances and from their prior means."""
-    parent = hopeful.parent
-    there = _acting(search, hopeful.candidate, hopeful.rows)
-    candidates, m = (*parent.candidates, there.candidate), np.append(parent.m, hopeful.m)
-    null = np.append(parent.m, (there.candidate.axes[0].null, *hopeful.m[1:]))
+    parent = part_candidate.parent
+    acting = _acting(search, part_candidate.candidate, part_candidate.rows)
+    candidates, m = (*parent.candidates, acting.candidate), np.append(parent.m, part_candidate.m)
+    null = np.append(parent.m, (acting.candidate.axes[0].null, *part_candidate.m[1:]))
     count = len(parent.theta)
     starts = [
         Start(candidates, m, parent.theta, parent.linear, (parent, null), parent.J),
         Start(candidates, m, search.means[:count], search.means[count:], slopes=parent.J),
     ]
-    result = refit(there.search, starts)
-    return _Begun(there.search, min(result, key=by_cost)) if result else None
+    result = refit(acting.search, starts)
+    return _Begun(acting.search, min(result, key=by_cost)) if result else None
 
 
 @dataclass(frozen=True)
-class _There:
+class _Acting:
     search: Search
     candidate: Candidate
 
 
-def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
+def _acting(search: Search, candidate: Candidate, rows: slice) -> _Acting:
     """A search in which a candidate acts in some rows alone, and that candidate."""
     bench = search.bench.whole if isinstance(search.bench, PartBench) else search.bench
     assert isinstance(bench, Bench)
@@ -209,7 +211,7 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _There:
     other.bench = PartBench(bench, _place(bench, candidate), rows)
     other.nominal = np.append(search.nominal[:size], np.nan)
     other.expanded = search.expanded.copy()
-    return _There(other, replace(candidate, axes=(replace(axis, index=size), *others), part=_part(bench, rows)))
+    return _Acting(other, replace(candidate, axes=(replace(axis, index=size), *others), part=_part(bench, rows)))
 
 
 def _part(bench: Bench, rows: slice) -> ActingRows:
@@ -230,7 +232,7 @@ def _placed(begun: _Begun) -> _Begun:
     while step >= 1:
         for sign in (-1, 1):
             moved = _moved(best, round(sign * step), rows)
-            if moved is not None and moved.own.cost < best.own.cost:
+            if moved is not None and moved.hypothesis.cost < best.hypothesis.cost:
                 best = moved
                 break
         step /= 2
@@ -239,16 +241,16 @@ def _placed(begun: _Begun) -> _Begun:
 
 def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
     """The hypothesis with its effect beginning or ending `by` rows later; None where that is too near to an end."""
-    value, *others = reversed(begun.own.candidates)
+    value, *others = reversed(begun.hypothesis.candidates)
     assert value.part is not None
     old = value.part.rows
     edge = (old.start or old.stop) + by
     if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
         return None
-    there = _acting(begun.search, value, slice(edge, rows) if old.start else slice(0, edge))
-    candidates = (*reversed(others), there.candidate)
-    result = refit(there.search, [replace(begun.search.start_of(begun.own), candidates=candidates)])
-    return _Begun(there.search, result[0]) if result else None
+    acting = _acting(begun.search, value, slice(edge, rows) if old.start else slice(0, edge))
+    candidates = (*reversed(others), acting.candidate)
+    result = refit(acting.search, [replace(begun.search.start_of(begun.hypothesis), candidates=candidates)])
+    return _Begun(acting.search, result[0]) if result else None
 
 
 def _weighed(
@@ -260,11 +262,13 @@ def _weighed(
 ) -> Selection:
     """The selection about a best hypothesis that acts in part of the rows: all refitted in the noise it leaves."""
     search = best.search
-    search.recoloured(whitener(search, best.own))
-    search.about(best.own)
-    value = settled(search, min(refit(search, [search.start_of(best.own)]), key=by_cost, default=best.own))
+    search.recoloured(whitener(search, best.hypothesis))
+    search.about(best.hypothesis)
+    value = settled(
+        search, min(refit(search, [search.start_of(best.hypothesis)]), key=by_cost, default=best.hypothesis)
+    )
     best = _placed(_Begun(search, value))
-    search, value = best.search, best.own
+    search, value = best.search, best.hypothesis
     constant = (selection.base, *selection.tried[: CAL.rivals])
     starts = [Start(each.candidates, each.m, value.theta, value.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
@@ -273,13 +277,17 @@ def _weighed(
     assert places is not None
     for candidates, m, rows in (
         (value.candidates[-1:], value.m[value.parts[-1][1]], places.rows),
-        *((each.own.candidates, each.own.m, at) for each in result for at in _rows(each.own, places)),
+        *(
+            (each.hypothesis.candidates, each.hypothesis.m, at)
+            for each in result
+            for at in _rows(each.hypothesis, places)
+        ),
     ):
         if (names := frozenset(each.effect for each in candidates)) == frozenset(value.names):
             continue
-        there = _acting(search, candidates[-1], rows)
-        for one in refit(there.search, [Start((*candidates[:-1], there.candidate), m, value.theta, value.linear)]):
-            placed = _placed(_Begun(there.search, one)).own if score(one) < score(value) + CAL.cost else one
+        acting = _acting(search, candidates[-1], rows)
+        for one in refit(acting.search, [Start((*candidates[:-1], acting.candidate), m, value.theta, value.linear)]):
+            placed = _placed(_Begun(acting.search, one)).hypothesis if score(one) < score(value) + CAL.cost else one
             if names not in tried or placed.cost < tried[names].cost:
                 tried[names] = placed
     for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):

@@ -88,20 +88,20 @@ def budget(
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
-        excess, floor = over(E)
+        excess, floor = excess_and_floor(E)
         E = np.minimum(E, E[0] + excess)  # where the vehicle spins, the size of the error says nothing
         E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets in which it spins explain nothing
         closed = weights @ E / excess
         beside = [(E[k] - E[-1]) / max(E[k] - floor, CAL.least_gap) for k in without]
         return np.concatenate([closed, [(E[-1] - floor) / excess], beside])
 
-    def over(E: Array) -> tuple[float, float]:
+    def excess_and_floor(E: Array) -> tuple[float, float]:
         floor = float(min(1.0, E[0], E[-1]))  # noise is no larger than the errors
         return max(float(E[0]) - floor, CAL.least_gap), floor
 
     whole = np.sum(sums, axis=0)
     E = (whole[:-1] + charges) / max(whole[-1], 1.0)
-    excess, floor = over(E)
+    excess, floor = excess_and_floor(E)
     if excess <= CAL.least_gap:
         return None
     low, high = resampled(sums, shares, CAL.draws)
@@ -127,7 +127,7 @@ def shared_out(
     """The budget of a hypothesis' effects, on the held-out recordings if there are any."""
     names = best.names
     if len(names) > CAL.few:
-        return _of_many(examined, best, held_out, tell)
+        return _shared_out_linearly(examined, best, held_out, tell)
     if held_out:
         tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
 
@@ -144,7 +144,7 @@ def shared_out(
                 if not subset:
                     raise
                 misfits[subset] = misfits[frozenset()]
-        for subset, less in _better_without(names, misfits):
+        for subset, less in _worse_than_subsets(names, misfits):
             with suppress(BadInput):  # as before
                 again, _ = left(subset, [less.values], whole.trust)
                 misfits[subset] = min(misfits[subset], again, key=lambda each: each.cost)
@@ -154,7 +154,7 @@ def shared_out(
     more = [subset for subset in subsets(names) if subset not in examined.freed]
     parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
     examined.freed.update(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
-    _as_good_as_without(examined, names)
+    _refit_from_subsets(examined, names)
     misfits = {subset: misfit(search, examined.freed[subset]) for subset in subsets(names)}
     good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
     return budget(
@@ -180,20 +180,20 @@ def _of_held_out(
     return replace(shared, together=closed_by(nothing, whole, sd, good & np.isfinite(nothing.e), bench, recordings))
 
 
-def _as_good_as_without(examined: Examined, names: tuple[str, ...]) -> None:
+def _refit_from_subsets(examined: Examined, names: tuple[str, ...]) -> None:
     """Refit sets that leave a larger error than without one of their effects, from the tolerances without it.
 
     Magnitudes are held, so that a set may really be worse; but refits of free runs that differ by much end in other
     optima.
     """
     search, freed = examined.selection.search, examined.freed
-    for whole, less in _better_without(names, freed):
+    for whole, less in _worse_than_subsets(names, freed):
         from_there = replace(freed[whole], theta=less.theta, linear=less.linear)
         (again,) = at_their_best(search, [from_there], examined.sd, examined.good)
         freed[whole] = min(freed[whole], again, key=by_cost)
 
 
-def _better_without(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
+def _worse_than_subsets(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
     """Sets that leave a larger error than without one of their effects, with the refit without it; small sets first."""
     for whole in subsets(names):
         for name in sorted(whole):
@@ -207,7 +207,7 @@ def _where_found(examined: Examined, best: Hypothesis) -> list[Mapping[str, floa
     return [search.values(best), search.values(examined.at_its_best(best))]
 
 
-def _of_many(
+def _shared_out_linearly(
     examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
 ) -> Budget | None:
     """The budget of many effects: in sets between none and all, contributions add up to first order."""

@@ -34,15 +34,15 @@ from .examining import Examined, examine
 from .gap import Budget, CauseClass, Gap, Ranked
 from .judging import (
     alike_of,
-    by_no_name,
     gain_of,
-    itself,
+    genuine,
+    misnamed_probability,
     next_to_nothing,
     of_class,
     only,
     refused,
     size_sd,
-    something_unnamed,
+    unnamed_probability,
     unsure,
     witnesses,
 )
@@ -94,46 +94,47 @@ def diagnose(
         return replace(gap, gap=replace(gap.gap, errors=errors))
 
 
-def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
+def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """The answer of a diagnosis, from what was examined."""
-    selection = it.selection
-    scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
-    unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
-    detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
-    ways = witnesses(it, it.best) if it.best.candidates else []
+    selection, good, sd = examined.selection, examined.good, examined.sd
+    scattered = [name for name, (_, present) in examined.scatter.items() if present > CAL.present]
+    unknown = 1.0 - (1.0 - unnamed_probability(examined)) * (1.0 - misnamed_probability(examined))
+    detected = bool(examined.best.candidates) or bool(scattered) or unknown > CAL.present
+    ways = witnesses(examined, examined.best) if examined.best.candidates else []
     ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
-    reasons, leave = (unsure(it, ways, level) for level in (CAL.by_chance, CAL.present))
-    doubtful, best = set(reasons) - set(leave), only(it, set(it.best.names) - set(leave)) if leave else it.best
+    reasons, leave = (unsure(examined, ways, level) for level in (CAL.by_chance, CAL.present))
+    doubtful = set(reasons) - set(leave)
+    best = only(examined, set(examined.best.names) - set(leave)) if leave else examined.best
     shared, telling = None, None
-    stated = it.rough and not it.bench.learnt  # with stated tolerances, innovations alone do not suffice
+    stated = examined.inexact and not examined.bench.learnt  # with stated tolerances, innovations alone do not suffice
     while set(best.names) - doubtful:  # judged beside doubtful effects, too: these are likelier present than not
-        shared = shared_out(it, best, held_out, tell)
+        shared = shared_out(examined, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
-        leaving = refused(it, set(best.names) - doubtful, telling)
+        leaving = refused(examined, set(best.names) - doubtful, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # only the smallest leaves: it may hide what the others close
             least = min(little, key=lambda name: little[name])
             leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
         reasons |= leaving
-        best = only(it, set(best.names) - set(leaving))
+        best = only(examined, set(best.names) - set(leaving))
         if len(little) < 2:
             break
-    best = only(it, set(best.names) - doubtful) if doubtful else best
+    best = only(examined, set(best.names) - doubtful) if doubtful else best
     while True:
         if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some have left
-            shared = shared_out(it, best, held_out, tell) if best.names else None
-        if shared is not None and (why := next_to_nothing(shared, not it.rough)):
+            shared = shared_out(examined, best, held_out, tell) if best.names else None
+        if shared is not None and (why := next_to_nothing(shared, not examined.inexact)):
             reasons |= dict.fromkeys(best.names, why)
-            best, shared = only(it, set()), None
+            best, shared = only(examined, set()), None
         if held_out:
             tell(f"verifying on {on_held_out(held_out)}")
-        closed, verified, worse = closed_model(it, best, detected, held_out, shared)
+        closed, verified, worse = closed_model(examined, best, detected, held_out, shared)
         if not worse:
             break
-        weakest = min(best.names, key=partial(gain_of, it, it.best))
+        weakest = min(best.names, key=partial(gain_of, examined, examined.best))
         reasons[weakest] = worse
-        best = only(it, set(best.names) - {weakest})
-    ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
+        best = only(examined, set(best.names) - {weakest})
+    ranking, applied = _ranking(examined, reasons, telling), tuple(best.names)
     whole = shared if shared is not None and shared.shows else telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
         # more than half of the excess is surely due to no named effect
@@ -144,58 +145,50 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         and any(share.effect in applied and share.low <= 0 for share in shared.shares)
     ):
         shared = None  # shares of next to no gap, where the effects themselves are certain
-    like = it.resembles() if unknown > CAL.present else ()
-    excess = np.sum(np.where(it.good, (selection.base.e / it.sd) ** 2 - (best.e / it.sd) ** 2, 0.0), axis=1)
+    like = examined.resembles() if unknown > CAL.present else ()
+    excess = np.sum(np.where(good, (selection.base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0), axis=1)
     if not applied:
-        excess = np.sum(np.where(it.good, (selection.base.e / it.sd) ** 2 - 1, 0.0), axis=1)
+        excess = np.sum(np.where(good, (selection.base.e / sd) ** 2 - 1, 0.0), axis=1)
     ratio = np.array([
-        np.sqrt(np.mean((selection.base.e[one, c] / it.sd[c]) ** 2)) if np.any(one := it.good[:, c]) else np.nan
-        for c in range(len(it.sd))
+        np.sqrt(np.mean((selection.base.e[one, c] / sd[c]) ** 2)) if np.any(one := good[:, c]) else np.nan
+        for c in range(len(sd))
     ])  # fmt: skip
-    place = where(it.bench, excess, ratio, it.seen, selection.promised, it.effects)
-    unexcited, absorbed = not_excited(it)
+    place = where(examined.bench, excess, ratio, examined.seen, selection.expected_gains, examined.effects)
+    unexcited, absorbed = not_excited(examined)
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
-    counted = np.where(it.good, 1.0, 0.0)
+    counted, shown = np.where(good, 1.0, 0.0), excerpt(examined.recordings)
     return Gap(
-        model=it.model.name,
-        recordings=tuple(recording.name for recording in it.recordings),
+        model=examined.model.name,
+        recordings=tuple(recording.name for recording in examined.recordings),
         doubts=tuple(
             f"{recording.name}: {finding.sentence}"
-            for recording in it.recordings
+            for recording in examined.recordings
             for finding in check(recording)
             if finding.severity is Severity.DISTRUST
         ),
         gap_detected=detected,
-        p_value=_p_value(it, unknown > CAL.present),
+        p_value=_p_value(examined, unknown > CAL.present),
         unknown_probability=unknown,
-        unknown=_shape(it, place.channel, like) if unknown > CAL.present else "",
+        unknown=_shape(examined, place.channel, like) if unknown > CAL.present else "",
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
-        gap=it.closes(best) if applied or not it.best.candidates else left_open(it.closed),
+        gap=examined.closes(best) if applied or not examined.best.candidates else left_open(examined.closed),
         held_out=verified,
         not_excited=unexcited,
         absorbed=absorbed,
-        advice=advice(sets, list(unexcited), it.effects, unread(it), selection.apart),
+        advice=advice(sets, list(unexcited), examined.effects, unread(examined), selection.apart),
         closed=closed,
-        strip=strip(
-            it.bench,
-            selection.base.e * counted,
-            best.e * counted,
-            it.sd,
-            it.seen,
-            excess,
-            excerpt(it.recordings),
-        ),
-        noise_stated=it.told,
-        limits=limits(it),
+        strip=strip(examined.bench, selection.base.e * counted, best.e * counted, sd, examined.seen, excess, shown),
+        noise_stated=examined.noise_stated,
+        limits=limits(examined),
         budget=shared,
-        unnamed=it.unnamed,
+        unnamed=examined.unnamed,
         resembles=like,
-        moved=moved(it, best, closed),
-        tried={item.candidate.effect: item.gain for item in selection.promised},
-        held=_held(it),
-        classes=_classes(it, ranking, applied, reasons, telling),
+        moved=moved(examined, best, closed),
+        tried={item.candidate.effect: item.gain for item in selection.expected_gains},
+        held=_held(examined),
+        classes=_classes(examined, ranking, applied, reasons, telling),
     )
 
 
@@ -226,7 +219,7 @@ def _classes(
             continue
         members = (name, *alike_of(examined, name, CAL.alike))
         alone = {member: probability(examined.evidence, tried, member) for member in members}
-        whole = _less_doubts(examined, examined.best, name, of_class(examined, name), reasons, shared)
+        whole = _discounted(examined, examined.best, name, of_class(examined, name), reasons, shared)
         total = sum(alone.values()) or 1.0
         each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
         each = {member: p for member, p in each.items() if p >= CAL.told_probability or member == name}
@@ -254,7 +247,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         magnitude, interval = _magnitude(examined, most, name)
         part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
-        p = _less_doubts(examined, most, name, probability(weighed, tried, name), reasons, shared)
+        p = _discounted(examined, most, name, probability(weighed, tried, name), reasons, shared)
         ranked.append(
             Ranked(
                 name,
@@ -275,7 +268,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         gain = selection.search.trust * item.gain
         reason = OF_READINGS if present > CAL.present else ""
         ranked.append(Ranked(name, known * present, item.magnitude, unit, span, (), gain, reason))
-    of_set = _of_sets(examined, ranked, known)
+    of_set = _ranking_keys(examined, ranked, known)
     even = replace(weighed, weights=weighed.even)
     nearest = {name: float(f"{probability(even, tried, name):.6g}") for name in names}
 
@@ -286,7 +279,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
     return sorted(ranked, key=order)[: CAL.ranked]
 
 
-def _less_doubts(
+def _discounted(
     examined: Examined,
     hypothesis: Hypothesis,
     name: str,
@@ -295,12 +288,12 @@ def _less_doubts(
     shared: Budget | None,
 ) -> float:
     """The probability that an effect is present and is what it is named after; below one half if it is refused."""
-    itself_too = itself(examined, hypothesis, name, examined.varying.get(name)) * closes(shared, name)
-    p *= (1.0 - CAL.nothing_unknown) * itself_too
+    is_genuine = genuine(examined, hypothesis, name, examined.varying.get(name)) * closes(shared, name)
+    p *= (1.0 - CAL.nothing_unknown) * is_genuine
     return min(p, float(np.nextafter(1.0 - CAL.present, 0.0))) if name in reasons else p
 
 
-def _of_sets(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
+def _ranking_keys(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:
     """Keys by which effects are ranked: their probability; for the first of a class, that of the whole class.
 
     Two aliases share the weight of a certain cause: a less certain effect beside them then ranks after the first of
@@ -326,7 +319,7 @@ def _p_value(examined: Examined, unexplained: bool) -> float:
     tried = examined.selection.tried
     counts = temper / examined.selection.search.trust
     p = [p_value(counts * (base.cost - item.cost), len(item.axes), many ** len(item.candidates)) for item in tried]
-    if examined.unnamed is not None and examined.rough:
+    if examined.unnamed is not None and examined.inexact:
         p = [max(item, by_chance(score)) for item, score in zip(p, examined.evidence.scores, strict=True)]
     p += [p_value(item.gain, 1, many) for item, present in examined.scatter.values() if present > CAL.present]
     if unexplained:
@@ -346,8 +339,8 @@ def _others(examined: Examined, hypothesis: Hypothesis, name: str) -> dict[str, 
     """Second parameters of one effect in a hypothesis that differ from their usual values."""
     candidate, at = next(part for part in hypothesis.parts if part[0].effect == name)
     usual = {other.name: float(other.array) for other in examined.effects[name].others}
-    entry = {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
-    return {parameter: value for parameter, value in entry.items() if value != usual[parameter]}
+    values = {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
+    return {parameter: value for parameter, value in values.items() if value != usual[parameter]}
 
 
 def _place(examined: Examined, part: ActingRows) -> str:

@@ -72,30 +72,32 @@ class Evidence:
 
 
 def evidence(
-    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, unsteady: Unsteady | None = None
+    selection: Selection, inexact: bool, cost: Costs, left: float = 0.0, unsteady: Unsteady | None = None
 ) -> Evidence:
     """Weigh hypotheses.
 
     Parameters
     ----------
     selection : hypotheses refitted with the same noise model.
-    rough : whether tolerances are stated.
+    inexact : whether tolerances are stated.
     cost : of effects.
     left : mean square of the best hypothesis' errors over that of noise, less one.
     unsteady : how magnitudes of hypotheses' effects differ between parts; None: not at all.
     """
     search = selection.search
-    temper = tempering(search.colour.readings, rough, left)
+    temper = tempering(search.colour.readings, inexact, left)
     gained = [temper / search.trust * (selection.base.cost - item.cost) for item in selection.tried]
     least = [price(item, cost) for item in selection.tried]
-    worth = [gain - option for gain, option in zip(gained, least, strict=True)]
-    grown = _stretches(selection, worth, cost, unsteady) if unsteady is not None else {}
-    prices = _as_dear(selection.tried, [price(item, cost, grown) for item in selection.tried] if grown else least)
+    margins = [gain - option for gain, option in zip(gained, least, strict=True)]
+    factors = _unsteady_factors(selection, margins, cost, unsteady) if unsteady is not None else {}
+    prices = _prices_of_aliases(
+        selection.tried, [price(item, cost, factors) for item in selection.tried] if factors else least
+    )
     scores = [item - price for item, price in zip(gained, prices, strict=True)]
     most = max([*scores, 0.0])
-    beyond = [item for item, each in zip(selection.tried, worth, strict=True) if each > most]
-    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in item.names for item in beyond)}
-    even = [item - option for item, option in zip(gained, _as_dear(selection.tried, least), strict=True)]
+    beyond = [item for item, each in zip(selection.tried, margins, strict=True) if each > most]
+    outdone = {name: by for name, by in factors.items() if by > 1.0 and any(name in item.names for item in beyond)}
+    even = [item - option for item, option in zip(gained, _prices_of_aliases(selection.tried, least), strict=True)]
     return Evidence(temper, _weights(scores), tuple(scores), outdone, _weights(even))
 
 
@@ -113,13 +115,15 @@ def heaviest(selection: Selection, evidence: Evidence) -> Hypothesis:
     return selection.tried[int(np.argmax(evidence.scores))]
 
 
-def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
+def tempering(readings: int, inexact: bool, left: float = 0.0) -> float:
     """Factor on gains in log-likelihood."""
     each = CAL.rough_reading + CAL.misfit_share * max(left, 0.0) / 2
-    return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
+    return CAL.untempered / (CAL.untempered + (each * readings if inexact else 0.0))
 
 
-def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unsteady: Unsteady) -> dict[str, float]:
+def _unsteady_factors(
+    selection: Selection, margins: Sequence[float], cost: Costs, unsteady: Unsteady
+) -> dict[str, float]:
     """Effect -> factor on its cost, from its unsteadiness in the best hypothesis that contains it.
 
     It is one where that hypothesis does not gain its least price, and the same in all hypotheses: otherwise a partner
@@ -128,10 +132,12 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unstea
     explain the same are distinguished by their gains.
     """
     tried, best = selection.tried, dict[str, int]()
-    for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
+    for k in sorted(range(len(tried)), key=lambda k: -margins[k]):
         for name in tried[k].names:
             best.setdefault(name, k)
-    known = {k: dict(zip(tried[k].names, unsteady(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    known = {
+        k: dict(zip(tried[k].names, unsteady(tried[k]), strict=True)) for k in set(best.values()) if margins[k] > 0
+    }
     result = dict[str, float]()
     for name, k in best.items():
         if k in known:
@@ -143,17 +149,17 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unstea
     return result
 
 
-def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:
+def price(hypothesis: Hypothesis, cost: Costs, factors: Mapping[str, float] = NONE) -> float:
     """Cost of a hypothesis: for each effect and second parameter, and for effects that only move readings past rows.
 
     Parameters
     ----------
     hypothesis, cost : a hypothesis, and the cost of effects.
-    stretches : effect -> factor on its cost; one where none is given.
+    factors : effect -> factor on its cost; one where none is given.
     """
     total = 0.0
     for item, at in hypothesis.parts:
-        total += stretches.get(item.effect, 1.0) * cost(item.effect) + CAL.second_parameter * (item.free - 1)
+        total += factors.get(item.effect, 1.0) * cost(item.effect) + CAL.second_parameter * (item.free - 1)
         total += CAL.begins if item.part is not None else 0.0
         axis = item.axes[0]
         if (axis.shift or not item.gradual) and abs(
@@ -163,7 +169,7 @@ def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = 
     return total
 
 
-def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float]:
+def _prices_of_aliases(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float]:
     """Prices of hypotheses: each is the highest among those that explain the same with as many effects.
 
     Where two names are one cause, the readings cannot distinguish them: a lower cost must not do so.
@@ -201,7 +207,7 @@ def by_chance(score: float) -> float:
     return float(min(1.0, CAL.rare * np.exp(-max(score, np.log(CAL.rare)))))
 
 
-def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selection:
+def by_plain_errors(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selection:
     """The selection with the costs of hypotheses by plain errors, where these are higher.
 
     Training minimises plain errors, and leaves correlated ones. Whitening emphasises their fast part, which training
@@ -216,7 +222,7 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
     """
     colour = selection.search.colour
     assert isinstance(colour, Colour)  # maps with memory know no forces
-    weight = 0.5 / (sd**2 * _lasting(colour))
+    weight = 0.5 / (sd**2 * _rows_per_reading(colour))
     base = selection.base
 
     def cost(hypothesis: Hypothesis) -> float:
@@ -227,7 +233,7 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
     return replace(selection, tried=tuple(tried))
 
 
-def _lasting(colour: Colour) -> Array:
+def _rows_per_reading(colour: Colour) -> Array:
     """(channels,) number of rows with as much information as one independent reading."""
     slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(colour.sd, colour.ar, strict=True)])
     return np.asarray(np.maximum((slow / colour.stationary_sd) ** 2, 1.0))

@@ -36,7 +36,7 @@ from .estimation.together import JointSearch, JointWhitening
 from .estimation.unknown_forces import knows_unknown_forces
 from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from .estimation.wandering import Wander, wandering
-from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
+from .evidence import Evidence, by_plain_errors, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Selection, select
@@ -55,9 +55,9 @@ class Examined:
     ----------
     prepared, bench, selection, evidence : what was simulated, refitted and weighed.
     best : the hypothesis of largest weight; the base where nothing outweighs it.
-    sd, told : (channels,) sensor noise, and whether it was stated.
+    sd, noise_stated : (channels,) sensor noise, and whether it was stated.
     good : (N, channels) readings that count.
-    rough : whether equations are inexact: tolerances are stated, or networks replace them.
+    inexact : whether equations are inexact: tolerances are stated, or networks replace them.
     scatter : effects on the scatter of readings, each with the probability that it is present.
     closed : how far the gap closes on these recordings.
     signs : of something unknown.
@@ -79,9 +79,9 @@ class Examined:
     evidence: Evidence
     best: Hypothesis
     sd: Array
-    told: bool
+    noise_stated: bool
     good: NDArray[np.bool_]
-    rough: bool
+    inexact: bool
     scatter: Mapping[str, tuple[Scatter, float]]
     closed: Closure
     signs: Signs
@@ -114,7 +114,7 @@ class Examined:
         search, bench = self.selection.search, self.bench
         if self.amplitudes is None or not isinstance(bench, Bench):
             return ()
-        axes = {item.candidate.effect: item.candidate.axes[0] for item in self.selection.promised}
+        axes = {item.candidate.effect: item.candidate.axes[0] for item in self.selection.expected_gains}
         requested = [
             (name, axis) for name, axis in axes.items() if not axis.abrupt and self.effects[name].group in MOVING
         ]
@@ -161,49 +161,49 @@ def examine(
     if (count := sum(len(item) for item in examined)) < rows:
         tell(f"examining {count} of {rows} rows, in blocks spread evenly")
     bench = prepared.bench(examined)
-    moving = shifting(prepared.everything)
-    believed = nuisances(prepared.everything, effects, moving)
-    value = candidates(prepared.everything, prepared.effects, moving)
+    timing = shifting(prepared.everything)
+    tolerated = nuisances(prepared.everything, effects, timing)
+    possible = candidates(prepared.everything, prepared.effects, timing)
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
-    sd, entry = stated_noise(bench, vehicle, start)
+    sd, noise_is_stated = stated_noise(bench, vehicle, start)
     stale = dropped(repeats(bench))
     good = sound(start, fresh(bench), bench.rows)
-    tell(f"refitting {len(believed)} parameters with tolerances and candidate effects")
-    rough = bench.learnt or any(not axis.abrupt for axis in believed)
+    tell(f"refitting {len(tolerated)} parameters with tolerances and candidate effects")
+    inexact = bench.learnt or any(not axis.abrupt for axis in tolerated)
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
-    tempered = rough and not forces
-    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
-    known = vehicle.model_error if vehicle is not None else {}
-    prior = believed_amplitudes(sd, entry, not rough, known)
+    tempered = inexact and not forces
+    search = Search(bench, tolerated, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
+    stated_error = vehicle.model_error if vehicle is not None else {}
+    prior = believed_amplitudes(sd, noise_is_stated, not inexact, stated_error)
     whiten = _whitener(bench, good, prior, sd)
-    cost = costs(forces, value)
+    cost = costs(forces, possible)
     # zones of indifference are no part of the joint problem: its causes have spikes instead
-    tolerances = [axis for axis in believed if not axis.narrow]
-    everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
-    problem = JointProblem(bench, tolerances, everything, good)
+    tolerances = [axis for axis in tolerated if not axis.narrow]
+    possible_causes = causes(prepared.everything, prepared.effects, timing, tolerances, bench.sample_time, inexact)
+    problem = JointProblem(bench, tolerances, possible_causes, good)
     observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
     stands = partial(_stands, observer, good)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(stands, bench))
+    selection = select(together, tolerated, cost, _unsteadiness, search.trust, partial(stands, bench))
     search = selection.search
     if stands(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
-        selection = with_beginnings(selection, value, whiten, cost)
+        selection = with_beginnings(selection, possible, whiten, cost)
     if bench.learnt:
-        selection = plainly(selection, sd, good)
+        selection = by_plain_errors(selection, sd, good)
     least = min((selection.base, *selection.tried), key=by_cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
-    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # else unknown
+    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if noise_is_stated and np.any(good) else 0.0  # else unknown
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
     unsteady = partial(_unsteadiness, selection.search) if forces else None
     weighed = evidence(selection, tempered, cost, left, unsteady)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
     selection, bench = replace(selection, search=search), search.bench
-    sd, entry = stated_noise(bench, vehicle, best.e)
-    if not entry:  # the residuals of the best explanation are the best estimate of noise
+    sd, noise_is_stated = stated_noise(bench, vehicle, best.e)
+    if not noise_is_stated:  # the residuals of the best explanation are the best estimate of noise
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    expected = believed_amplitudes(sd, entry, not rough, known)
+    expected = believed_amplitudes(sd, noise_is_stated, not inexact, stated_error)
     amplitudes = _amplitudes(bench, search, best, sd, good, expected)
     left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
     jump = jumps_by_commands(bench, search.vector(best), effects)
@@ -226,14 +226,14 @@ def examine(
         if present > CAL.present:
             leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0))
     scattered = sum(item.gain for item, present in scatter.values() if present > CAL.present)
-    alone = CAL.excess_learnt if bench.learnt else CAL.excess_rough if rough else CAL.excess_exact
-    beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
-    own_signs = signs(
+    alone = CAL.excess_learnt if bench.learnt else CAL.excess_rough if inexact else CAL.excess_exact
+    beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, inexact)
+    signs_of_unknown = signs(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
     )
     return Examined(
-        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
-        rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
+        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, noise_is_stated,
+        good, inexact, scatter, closed, signs_of_unknown, seen, y, left_over, freed_ways, amplitudes, expected,
         stands(bench, search.vector(best)),
     )  # fmt: skip
 

@@ -25,7 +25,7 @@ from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
 
-def something_unnamed(examined: Examined) -> float:
+def unnamed_probability(examined: Examined) -> float:
     """The probability of an effect outside the named ones; it rules out no named effect.
 
     It follows from the model error beside the named effects over its prior, from noise over its stated size, and from
@@ -35,7 +35,7 @@ def something_unnamed(examined: Examined) -> float:
         return _without_forces(examined)
     value, usual = examined.unnamed, examined.expected.median
     share = max(value.share_y / usual.share_y, value.share_x / usual.share_x)
-    loud = max(value.noise.values(), default=1.0) if examined.told else 1.0
+    loud = max(value.noise.values(), default=1.0) if examined.noise_stated else 1.0
     odds = [
         CAL.unnamed_slope * log(share / CAL.unnamed_share),
         CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
@@ -48,52 +48,52 @@ def something_unnamed(examined: Examined) -> float:
 def _without_forces(examined: Examined) -> float:
     """The same for models without unknown forces: from the errors of free runs, and how these follow the drive."""
     scattered = any(present > CAL.present for _, present in examined.scatter.values())
-    stated = examined.rough and not examined.bench.learnt  # errors that training left follow the drive anyway
-    nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.told)
+    stated = examined.inexact and not examined.bench.learnt  # errors that training left follow the drive anyway
+    nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.noise_stated)
     if not examined.best.candidates and not scattered and not nameless:
         return CAL.nothing_unknown
-    p = unknown_probability(examined.signs, examined.told)
+    p = unknown_probability(examined.signs, examined.noise_stated)
     return p if examined.best.candidates or scattered else max(p, CAL.nameless)
 
 
-def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dict[str, str]:
+def refused(examined: Examined, names: Collection[str], shared: Budget | None) -> dict[str, str]:
     """Effects of the best explanation that are not called causes, and why, by name.
 
     Parameters
     ----------
-    one : what was examined.
+    examined : what was examined.
     names : effects that are judged.
     shared : their budget; None where it says nothing: shares of next to no gap, which tolerances may close by chance.
     """
-    best, reasons, varying, limit = one.best, dict[str, str](), one.varying, may_vary(one)
+    best, reasons, varying, limit = examined.best, dict[str, str](), examined.varying, may_vary(examined)
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
         if name not in names:
             continue
         share = weak(shared, name) if shared is not None else None
-        sure = of_class(one, name)
+        sure = of_class(examined, name)
         spread = varying.get(name)
-        if not one.stands:
+        if not examined.stands:
             reasons[name] = "with it, free runs still spin where the vehicle did not"
         elif spread is not None and spread.relative > limit:
             reasons[name] = (
                 f"it may only imitate another cause: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
                 f"{spread.place}, and that of a true cause does not"
             )
-        elif _beside_unknown(one, best, name) > CAL.present:
+        elif _beside_unknown(examined, best, name) > CAL.present:
             reasons[name] = (
                 "it may only imitate another cause: it raises the log-likelihood by "
-                f"{number(gain_of(one, best, name), 2)}, but the error left in the channels on which it acts still "
-                f"varies with the drive (log-likelihood {number(one.beside_it[name], 2)})"
+                f"{number(gain_of(examined, best, name), 2)}, but the error left in the channels on which it acts "
+                f"still varies with the drive (log-likelihood {number(examined.beside_it[name], 2)})"
             )
-        elif one.unnamed is not None and _strains(one, best, name) > CAL.present:
+        elif examined.unnamed is not None and _strains(examined, best, name) > CAL.present:
             reasons[name] = (
                 "it may only imitate another cause: it needs parameters beyond their stated tolerances (chi-square "
-                f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
-                "these parameters do"
+                f"{examined.unnamed.tolerances:.0f}; {examined.unnamed.expected:.0f} is usual) and explains little "
+                "more than these parameters do"
             )
         elif sure <= CAL.present:
-            alike = alike_of(one, name, CAL.alike)
+            alike = alike_of(examined, name, CAL.alike)
             beside = f"; {listed(alike)} would explain the recording equally well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, not more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
@@ -105,9 +105,9 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
                 f"[{whole_percent(share.low)}, {whole_percent(share.high)}] of the excess error"
             )
         else:  # several doubts, each of them below one half
-            entry = (1.0 - CAL.nothing_unknown) * sure * itself(one, best, name, spread) * closes(shared, name)
-            if entry <= CAL.present:
-                reasons[name] = f"its probability is {entry:.2f}, not more than one half"
+            p = (1.0 - CAL.nothing_unknown) * sure * genuine(examined, best, name, spread) * closes(shared, name)
+            if p <= CAL.present:
+                reasons[name] = f"its probability is {p:.2f}, not more than one half"
     return reasons
 
 
@@ -125,7 +125,7 @@ def next_to_nothing(shared: Budget, exact: bool) -> str:
     return f"small: {judged} all named effects together remove {whole_percent(closed)} % of the excess error"
 
 
-def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
+def unsure(examined: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
     """Effects of the best explanation whose sizes do not differ significantly from none, and why they are no causes.
 
     Significantly: none lies outside of intervals that hold for all offered effects at once (Bonferroni's; Dunn, Journal
@@ -135,12 +135,12 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
 
     Parameters
     ----------
-    one : what was examined.
+    examined : what was examined.
     ways : what informs the sizes.
     level : how often chance alone may bring any of the effects so far from none.
     """
-    best, reasons = one.best, dict[str, str]()
-    offered = len(one.prepared.effects)
+    best, reasons = examined.best, dict[str, str]()
+    offered = len(examined.prepared.effects)
     surely = -float(ndtri(level / 2 / max(offered, 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
@@ -170,10 +170,10 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
     return reasons
 
 
-def size_sd(one: Examined, hypothesis: Hypothesis, name: str) -> float:
+def size_sd(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """Standard deviation of an effect's coordinate in a hypothesis, largest over its witnesses."""
     _, at = hypothesis.main(name)
-    return float(np.sqrt(max(0.0, *(witness.covariance[at, at] for witness in witnesses(one, hypothesis)))))
+    return float(np.sqrt(max(0.0, *(witness.covariance[at, at] for witness in witnesses(examined, hypothesis)))))
 
 
 @dataclass(frozen=True)
@@ -195,42 +195,44 @@ class Witness:
     gained: Callable[[str], float]
 
 
-def witnesses(one: Examined, hypothesis: Hypothesis) -> list[Witness]:
+def witnesses(examined: Examined, hypothesis: Hypothesis) -> list[Witness]:
     """Innovations, and where equations are inexact free runs.
 
     Free runs are then a second witness: to innovations, form errors are new every correlation time, but in a free run
     they last, and the gradients of its blocks scatter with them (see `Search.widening`).
     """
-    search = one.selection.search
+    search = examined.selection.search
     nulls = np.array([axis.null for axis in hypothesis.axes])
-    form = np.diag((CAL.form_of_size * (hypothesis.m - nulls)) ** 2) if one.rough else 0.0
+    form = np.diag((CAL.form_of_size * (hypothesis.m - nulls)) ** 2) if examined.inexact else 0.0
 
     def witness(gained: Callable[[str], float]) -> Witness:
-        widening = (CAL.wider if one.rough else 1.0) * search.widening(hypothesis)
+        widening = (CAL.wider if examined.inexact else 1.0) * search.widening(hypothesis)
         return Witness(search.covariance(hypothesis) * np.outer(widening, widening) + form, widening, gained)
 
     def gained_freely(name: str) -> float:
-        whole, without = (one.at_its_best(item) for item in (hypothesis, only(one, {*hypothesis.names} - {name})))
+        whole, without = (
+            examined.at_its_best(item) for item in (hypothesis, only(examined, {*hypothesis.names} - {name}))
+        )
         return max(without.cost - whole.cost, 0.0)
 
-    result = [witness(partial(gain_of, one, hypothesis))]
-    if one.rough and one.unnamed is not None:
-        with search.counted(white_noise(one.sd, one.good, one.bench.rows)):
+    result = [witness(partial(gain_of, examined, hypothesis))]
+    if examined.inexact and examined.unnamed is not None:
+        with search.counted(white_noise(examined.sd, examined.good, examined.bench.rows)):
             result.append(witness(gained_freely))
     return result
 
 
-def by_no_name(examined: Examined) -> float:
+def misnamed_probability(examined: Examined) -> float:
     """The probability that an effect of the best explanation is present and is not the cause that it is named after."""
     varying, tried = examined.varying, examined.selection.tried
     others = [
-        probability(examined.evidence, tried, name) * (1.0 - itself(examined, examined.best, name, varying.get(name)))
+        probability(examined.evidence, tried, name) * (1.0 - genuine(examined, examined.best, name, varying.get(name)))
         for name in examined.best.names
     ]
     return float(1.0 - np.prod([1.0 - other for other in others]))
 
 
-def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
+def genuine(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
     """The probability that an effect is the cause of what it explains.
 
     Such an effect has one size everywhere, does not strain tolerances, and leaves nothing unknown where it acts.
@@ -246,11 +248,11 @@ def may_vary(examined: Examined) -> float:
     More where equations are inexact, for their errors move sizes, too. Where they are exact only something unnamed
     does: less, the likelier that is.
     """
-    if examined.rough:
+    if examined.inexact:
         return CAL.varies_rough
     if examined.unnamed is None:
         return CAL.varies
-    return CAL.varies + something_unnamed(examined) * (CAL.varies_beside_unknown - CAL.varies)
+    return CAL.varies + unnamed_probability(examined) * (CAL.varies_beside_unknown - CAL.varies)
 
 
 def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
@@ -266,7 +268,7 @@ def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> fl
 
     Only where equations are exact: inexact ones leave as much beside true causes.
     """
-    if examined.unnamed is None or examined.rough:
+    if examined.unnamed is None or examined.inexact:
         return 0.0
     return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * examined.beside_it.get(name, 0.0))
 

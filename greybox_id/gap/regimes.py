@@ -13,7 +13,7 @@ from ..models.effect import Effect
 from .estimation.calibration import CAL
 from .estimation.strip import running
 from .gap import Where
-from .selection import Promise
+from .selection import ExpectedGain
 
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",
@@ -62,7 +62,7 @@ def where(
     excess: Array,
     ratio: Array,
     seen: Mapping[str, Array],
-    promised: Sequence[Promise],
+    expected_gains: Sequence[ExpectedGain],
     effects: Mapping[str, Effect],
 ) -> Where:
     """Where the gap lies.
@@ -73,7 +73,7 @@ def where(
     excess : (N,) squared errors over the noise's, less those that noise and the explanation leave.
     ratio : (channels,) root mean square of errors over that of noise; NaN where nothing was read.
     seen : as of `signals`.
-    promised : expected gains of single effects.
+    expected_gains : expected gains of single effects.
     effects : by name.
     """
     total = float(np.sum(excess))
@@ -90,7 +90,7 @@ def where(
     best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"
     channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
     gains: dict[str, float] = {}
-    for entry in promised:
+    for entry in expected_gains:
         group = EQUATIONS.get(effects[entry.candidate.effect].group, effects[entry.candidate.effect].group)
         gains[group] = max(gains.get(group, 0.0), entry.gain)
     everything = sum(gains.values()) or 1.0

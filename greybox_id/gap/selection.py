@@ -30,7 +30,7 @@ Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 
 
 @dataclass(frozen=True)
-class Promise:
+class ExpectedGain:
     """What a single candidate is expected to gain beside nuisances, to first order.
 
     Attributes
@@ -39,14 +39,14 @@ class Promise:
     gain : in log-likelihood.
     start : coordinates from which to refit it.
     sd : of its magnitude's coordinate on this recording.
-    told : share of the information about it that remains once nuisances are refitted.
+    remaining_information : share of the information about it that remains once nuisances are refitted.
     """
 
     candidate: Candidate
     gain: float
     start: tuple[float, ...]
     sd: float = inf
-    told: float = 1.0
+    remaining_information: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class Selection:
     base : nuisances alone, without effects.
     tried : the best explanation, the same without each of its effects and with others in its place, and single effects;
         best first.
-    promised : of every single candidate beside the base.
+    expected_gains : of every single candidate beside the base.
     apart : log-likelihood by which two walks differ that disagree about causes, see `estimation.walks`.
     """
 
     search: Search
     base: Hypothesis
     tried: tuple[Hypothesis, ...]
-    promised: tuple[Promise, ...]
+    expected_gains: tuple[ExpectedGain, ...]
     apart: float = 0.0
 
     def of(self, size: int) -> list[Hypothesis]:
@@ -141,7 +141,7 @@ def select(
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]
-    tried, offered = [best, *_without_each(search, best, names, gains), *alike], promised(together, stage)
+    tried, offered = [best, *_without_each(search, best, names, gains), *alike], expected_gains(together, stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
         first = offered[: CAL.listed]
         starts = [
@@ -277,7 +277,7 @@ def _recoloured(search: Search, whitening: JointWhitening, base: Hypothesis) -> 
     return base
 
 
-def promised(together: JointSearch, stage: JointStage) -> tuple[Promise, ...]:
+def expected_gains(together: JointSearch, stage: JointStage) -> tuple[ExpectedGain, ...]:
     """Expected gain of every effect by itself beside nuisances, to first order, largest first."""
     problem, sets = together.problem, stage.sets
     result = []
@@ -293,5 +293,7 @@ def promised(together: JointSearch, stage: JointStage) -> tuple[Promise, ...]:
         known = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
         seconds = (axis.value(x) for axis, x in zip(candidate.axes[1:], stage.state.seconds[k], strict=True))
         start = (float(np.clip(size, cause.main.low, cause.main.high)), *seconds)
-        result.append(Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, float(sd), known))
+        result.append(
+            ExpectedGain(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, float(sd), known)
+        )
     return tuple(sorted(result, key=lambda item: -item.gain))

@@ -95,7 +95,7 @@ def signs(
 
 
 def beyond_what_may_be(
-    e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, rough: bool
+    e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, inexact: bool
 ) -> float:
     """Excess over noise, over the excess that is no gap yet, in the channel where that is largest.
 
@@ -106,9 +106,9 @@ def beyond_what_may_be(
     good : (N, channels) readings that count.
     channels : their names.
     alone : excess that is no gap, as a share of noise.
-    rough : whether equations may err in proportion to what they predict.
+    inexact : whether equations may err in proportion to what they predict.
     """
-    if not rough:
+    if not inexact:
         count = max(int(np.sum(good)), 1)
         if count == 1:
             return 0.0
@@ -122,7 +122,7 @@ def beyond_what_may_be(
     return most
 
 
-def without_a_name(signs: Signs, temper: float, rough: bool, told: bool = True) -> bool:
+def without_a_name(signs: Signs, temper: float, inexact: bool, noise_stated: bool = True) -> bool:
     """Whether the remaining error is a gap that no named effect explains.
 
     It is where errors exceed what is no gap yet. Inexact equations err in proportion to what they predict, but their
@@ -133,25 +133,25 @@ def without_a_name(signs: Signs, temper: float, rough: bool, told: bool = True) 
     ----------
     signs : of something unknown.
     temper : factor on log-likelihoods.
-    rough : whether equations are inexact.
-    told : as in `unknown_probability`.
+    inexact : whether equations are inexact.
+    noise_stated : as in `unknown_probability`.
     """
-    return told and (signs.beyond > 1.0 or (rough and temper * signs.over > CAL.cost_without_forces))
+    return noise_stated and (signs.beyond > 1.0 or (inexact and temper * signs.over > CAL.cost_without_forces))
 
 
-def unknown_probability(signs: Signs, told: bool = True) -> float:
+def unknown_probability(signs: Signs, noise_stated: bool = True) -> float:
     """The probability of an unmodelled effect.
 
     Parameters
     ----------
     signs : of something unknown.
-    told : whether noise was stated: otherwise remaining errors pass for noise, and are no sign.
+    noise_stated : whether noise was stated: otherwise remaining errors pass for noise, and are no sign.
     """
     x = CAL.nothing_else + CAL.of_left * min(signs.left, 1.0) + CAL.of_structure * signs.structure
     x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + (
         CAL.untold if signs.effects > CAL.most_effects else 0.0
     )
-    x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if told else CAL.untold)
+    x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if noise_stated else CAL.untold)
     x += CAL.beyond * np.log(max(signs.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 

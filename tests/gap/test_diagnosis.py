@@ -14,12 +14,12 @@ from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 from greybox_id.base.errors import BadInput
 from greybox_id.gap import budget, diagnosis, judging
 from greybox_id.gap.closed_model import HARMS
-from greybox_id.gap.diagnosis import _of_sets, diagnose
+from greybox_id.gap.diagnosis import _ranking_keys, diagnose
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
-from greybox_id.gap.judging import _beside_unknown, _strains, by_no_name, may_vary, something_unnamed
+from greybox_id.gap.judging import _beside_unknown, _strains, may_vary, misnamed_probability, unnamed_probability
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
@@ -309,7 +309,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(
-        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, rough=False
+        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, inexact=False
     )
     monkeypatch.setattr(judging, "probability", lambda *_: 0.999)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
@@ -322,10 +322,10 @@ def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
     left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0})
     stated = {"F_y": StatedModelError(share=0.08)}
     usual, own = (believed(np.ones(1), told=True, exact=False, stated=known) for known in ({}, stated))
-    found = SimpleNamespace(unnamed=left, told=True, expected=usual)
-    assert something_unnamed(found) > 0.9
+    found = SimpleNamespace(unnamed=left, noise_stated=True, expected=usual)
+    assert unnamed_probability(found) > 0.9
     found.expected = own
-    assert something_unnamed(found) < 0.15
+    assert unnamed_probability(found) < 0.15
 
 
 def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_and_of_a_mimic():
@@ -337,7 +337,7 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
     assert replace(strained, expected=nan).strain == 0.0  # written before it was known
 
     def unnamed(own):
-        return something_unnamed(SimpleNamespace(unnamed=own, told=True, expected=usual))
+        return unnamed_probability(SimpleNamespace(unnamed=own, noise_stated=True, expected=usual))
 
     assert unnamed(calm) < 0.15 < 0.7 < unnamed(strained)
 
@@ -357,7 +357,7 @@ def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_m
     def mimics(gain, left, rough=False):
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
-        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left}, rough=rough)
+        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left}, inexact=rough)
         return _beside_unknown(found, tried[0], "lag")
 
     assert mimics(30.0, 0.0) == 0.0
@@ -373,14 +373,17 @@ def test_a_size_may_vary_less_beside_something_unnamed():
     limits = [
         may_vary(
             SimpleNamespace(
-                unnamed=replace(calm, share_y=times * usual.median.share_y), told=True, expected=usual, rough=False
+                unnamed=replace(calm, share_y=times * usual.median.share_y),
+                noise_stated=True,
+                expected=usual,
+                inexact=False,
             )
         )
         for times in (0.5, 20.0)
     ]
     assert limits == pytest.approx([CAL.varies, CAL.varies_beside_unknown], abs=0.01)
-    assert may_vary(SimpleNamespace(unnamed=None, rough=False)) == CAL.varies
-    assert may_vary(SimpleNamespace(unnamed=calm, rough=True)) == CAL.varies_rough  # errors of form move sizes, too
+    assert may_vary(SimpleNamespace(unnamed=None, inexact=False)) == CAL.varies
+    assert may_vary(SimpleNamespace(unnamed=calm, inexact=True)) == CAL.varies_rough  # errors of form move sizes, too
 
 
 def test_what_a_refused_name_explains_is_unnamed():
@@ -392,7 +395,7 @@ def test_what_a_refused_name_explains_is_unnamed():
 
     def unnamed(varying, own=calm, sure=0.98):
         evidence = SimpleNamespace(weights=(sure, 1.0 - sure))
-        return by_no_name(
+        return misnamed_probability(
             SimpleNamespace(
                 varying=varying,
                 unnamed=own,
@@ -402,9 +405,9 @@ def test_what_a_refused_name_explains_is_unnamed():
                 stands=True,
                 of_strained={},
                 beside_it={},
-                told=True,
+                noise_stated=True,
                 expected=usual,
-                rough=True,
+                inexact=True,
             )
         )
 
@@ -640,7 +643,7 @@ def test_what_cannot_be_told_apart_is_ranked_by_what_is_sure_of_it_together():
         evidence=SimpleNamespace(weights=(0.4, 0.4, 0.1, 0.1, 0.0)), selection=SimpleNamespace(tried=tried)
     )
     listed = [ranked("grip", 0.72), ranked("pitch", 0.45, "bias"), ranked("bias", 0.45, "pitch")]
-    assert _of_sets(found, listed, 0.9) == pytest.approx({"pitch": 0.9, "grip": 0.72, "bias": 0.45})
+    assert _ranking_keys(found, listed, 0.9) == pytest.approx({"pitch": 0.9, "grip": 0.72, "bias": 0.45})
 
 
 def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch):
@@ -649,7 +652,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(
-        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, rough=False
+        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, inexact=False
     )
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())

@@ -15,11 +15,11 @@ from greybox_id.gap.estimation.hypothesis import Hypothesis
 from greybox_id.gap.estimation.noise import Colour
 from greybox_id.gap.evidence import (
     by_chance,
+    by_plain_errors,
     costs,
     evidence,
     heaviest,
     p_value,
-    plainly,
     price,
     probability,
     tempering,
@@ -40,17 +40,17 @@ def selected(base, tried, readings=5000, trust=1.0):
     return Selection(search, hypothesis(base), tuple(tried), ())
 
 
-def weighed(base, tried, readings=5000, rough=False, trust=1.0):
-    return evidence(selected(base, tried, readings, trust), rough, costs(forces=False))
+def weighed(base, tried, readings=5000, inexact=False, trust=1.0):
+    return evidence(selected(base, tried, readings, trust), inexact, costs(forces=False))
 
 
 amounts = st.floats(0.0, 1e7, allow_nan=False)
 
 
-@given(base=amounts, tried=st.lists(amounts, max_size=6), rough=st.booleans())
-def test_weights_add_to_one_and_the_least_cost_weighs_most(base, tried, rough):
+@given(base=amounts, tried=st.lists(amounts, max_size=6), inexact=st.booleans())
+def test_weights_add_to_one_and_the_least_cost_weighs_most(base, tried, inexact):
     own = [hypothesis(cost, f"effect_{k}") for k, cost in enumerate(sorted(tried))]
-    found = weighed(base, own, rough=rough)
+    found = weighed(base, own, inexact=inexact)
     assert sum(found.weights) == pytest.approx(1.0)
     assert len(found.weights) == len(own) + 1
     assert all(0 <= weight <= 1 for weight in found.weights)
@@ -108,13 +108,13 @@ def test_every_further_effect_and_second_parameter_costs():
 
 
 def test_gains_are_tempered_where_equations_are_rough_the_more_was_read():
-    assert [tempering(n, rough=False) for n in (0, 100, 10**6)] == [1.0, 1.0, 1.0]
-    tempers = [tempering(n, rough=True) for n in (0, 1000, 10_000, 10**6)]
+    assert [tempering(n, inexact=False) for n in (0, 100, 10**6)] == [1.0, 1.0, 1.0]
+    tempers = [tempering(n, inexact=True) for n in (0, 1000, 10_000, 10**6)]
     assert tempers[0] == 1.0
     assert all(a > b > 0 for a, b in zip(tempers, tempers[1:], strict=False))
     own = [hypothesis(970.0, "a")]
-    assert weighed(1000.0, own, 100_000, rough=True).weights[0] < weighed(1000.0, own, 100_000).weights[0]
-    assert weighed(1000.0, own, 100_000, rough=True).temper == tempering(100_000, rough=True)
+    assert weighed(1000.0, own, 100_000, inexact=True).weights[0] < weighed(1000.0, own, 100_000).weights[0]
+    assert weighed(1000.0, own, 100_000, inexact=True).temper == tempering(100_000, inexact=True)
 
 
 @given(gain=st.floats(-1e3, 1e5), axes=st.integers(0, 3), candidates=st.integers(1, 60))
@@ -139,9 +139,9 @@ def test_p_values_of_noise_alone_are_not_too_small():
 
 
 def test_gains_of_readings_that_counted_for_less_are_not_tempered_twice():
-    full = weighed(100.0, [hypothesis(0.0, "one")], rough=True)
+    full = weighed(100.0, [hypothesis(0.0, "one")], inexact=True)
     trust = tempering(5000, True)
-    less = weighed(100.0 * trust, [hypothesis(0.0, "one")], rough=True, trust=trust)
+    less = weighed(100.0 * trust, [hypothesis(0.0, "one")], inexact=True, trust=trust)
     assert less.scores == pytest.approx(full.scores)
 
 
@@ -220,7 +220,7 @@ def test_an_effect_gains_no_more_than_plain_errors_say(ar, lasting):
     base = rng.standard_normal((300, 1))
     base /= np.sqrt(np.sum(base**2))
     tried = (of(1.1, 0.0), of(0.8, 1.0), of(0.99, 2.0), of(0.5, 99.0))
-    found = plainly(Selection(search, of(1.0, 100.0), tried, ()), sd, good)
+    found = by_plain_errors(Selection(search, of(1.0, 100.0), tried, ()), sd, good)
     costs = {round(float(np.sum(own.e**2)) / 1000.0, 4): own.cost for own in found.tried}
     assert [own.cost for own in found.tried] == sorted(own.cost for own in found.tried)
     assert costs[1.21] > 100.0  # whitened it gained, plainly it lost

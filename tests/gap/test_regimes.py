@@ -7,7 +7,7 @@ from gap_cases import GivenBench, candidate
 from greybox_id.gap.estimation.strip import running
 from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where
-from greybox_id.gap.selection import Promise
+from greybox_id.gap.selection import ExpectedGain
 from greybox_id.models.effects import EFFECTS
 
 ROWS = 3000
@@ -27,9 +27,9 @@ def driven():
     return bench, signals(bench, measured)
 
 
-def placed(driven, excess, ratio=(1.0, 1.0, 3.0), promised=()):
+def placed(driven, excess, ratio=(1.0, 1.0, 3.0), expected_gains=()):
     bench, seen = driven
-    return where(bench, excess, np.asarray(ratio), seen, promised, EFFECTS)
+    return where(bench, excess, np.asarray(ratio), seen, expected_gains, EFFECTS)
 
 
 @pytest.mark.parametrize("regime", ["braking", "acceleration", "high_lateral", "combined", "high_speed", "time_drift"])
@@ -88,11 +88,11 @@ def test_the_channel_that_departs_most_is_named_and_those_never_read_are_not(dri
 
 def test_parts_of_the_equations_share_what_could_be_gained(driven):
     def promise(name, gain):
-        return Promise(candidate(0).__class__(name, candidate(0).axes), gain, (1.0,))
+        return ExpectedGain(candidate(0).__class__(name, candidate(0).axes), gain, (1.0,))
 
-    promised = [promise("steering_delay", 30.0), promise("steering_lag", 60.0), promise("mass_change", 20.0),
+    expected_gains = [promise("steering_delay", 30.0), promise("steering_lag", 60.0), promise("mass_change", 20.0),
                 promise("road_slope", 20.0)]  # fmt: skip
-    found = placed(driven, np.ones(ROWS), promised=promised).equations
+    found = placed(driven, np.ones(ROWS), expected_gains=expected_gains).equations
     assert sum(found.values()) == pytest.approx(1.0)
     assert list(found.values()) == sorted(found.values(), reverse=True)
     assert found["steering"] == pytest.approx(max(60.0, 0.0) / sum({"s": 60.0, "m": 20.0, "r": 20.0}.values()), abs=0.2)

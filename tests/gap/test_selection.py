@@ -92,7 +92,7 @@ def test_of_every_effect_is_said_what_it_would_gain_and_how_well_it_would_show()
     X = smooth_columns(3)
     X[:, :, 2] = 0.0  # what is not excited
     found = selected(linear_bench(X, [0.8, 0.0, 0.0], SD), 3)
-    promised = {own.candidate.effect: own for own in found.promised}
+    promised = {own.candidate.effect: own for own in found.expected_gains}
     assert promised["effect_0"].gain > 10 * promised["effect_1"].gain
     assert promised["effect_1"].sd < 0.05
     assert promised["effect_2"].sd == pytest.approx(1.0)  # its usual size: nothing was read of it
