@@ -100,7 +100,7 @@ class Weigher:
         result = self.innovations(ride, x)
         return np.inf if result is None else self.noise.cost(result)
 
-    def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Curve:
+    def curve(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Curve:
         """Cost of a ride at x with derivatives by the numbers at indices `moved`; None: by all."""
         n, places = len(x), range(len(x)) if moved is None else moved
         steps = {k: item.step if x[k] + item.step <= item.high else -item.step
@@ -157,7 +157,7 @@ def common(
     weigher: Weigher,
     rides: Sequence[FollowedRun],
     usual: Mapping[str, float],
-    belief: Mapping[str, float],
+    prior_runs: Mapping[str, float],
     start: Common | None = None,
     settled: float = CAL.between_settled,
 ) -> Common:
@@ -168,7 +168,7 @@ def common(
     weigher : of rides.
     rides : of one vehicle, to which nothing was done between them.
     usual : name -> usual standard deviation between runs, of numbers that may differ.
-    belief : name -> number of runs that this counts as; infinite: it is not estimated.
+    prior_runs : name -> number of runs that this counts as; infinite: it is not estimated.
     start : earlier estimates.
     settled : log-likelihood; the search ends where a step is expected to gain less.
     """
@@ -177,7 +177,7 @@ def common(
     varying = np.array([k for k, number in enumerate(numbers) if number.name in usual], dtype=int)
     m = len(varying)
     prior = np.array([usual[numbers[k].name] for k in varying])
-    scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
+    scatter, runs_of = prior.copy(), np.array([prior_runs[numbers[k].name] for k in varying])
     learned = np.isfinite(runs_of)
     mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
     u = middle = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
@@ -209,15 +209,15 @@ def common(
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
 
-def change_sds(told: Array, belief: Array) -> Array:
+def change_sds(information: Array, prior: Array) -> Array:
     """(n,) standard deviation with which recordings determine the deviation of each number from its prior mean.
 
     Parameters
     ----------
-    told : (n, n) Hessian of the recordings' negative log-likelihood.
-    belief : (n, n) prior covariance of the numbers.
+    information : (n, n) Hessian of the recordings' negative log-likelihood.
+    prior : (n, n) prior covariance of the numbers.
     """
-    precise = told - told @ np.linalg.solve(told + np.linalg.inv(belief), told)
+    precise = information - information @ np.linalg.solve(information + np.linalg.inv(prior), information)
     return 1.0 / np.sqrt(np.maximum(np.diag(precise), 1e-12))
 
 
@@ -230,13 +230,13 @@ class RunExplained:
     x : (n,) its coordinates.
     cost : negative log posterior.
     H : (n, n) its Hessian.
-    told, pull : (n, n), (n,) Hessian and gradient of the rides' negative log-likelihood alone.
+    information, pull : (n, n), (n,) Hessian and gradient of the rides' negative log-likelihood alone.
     """
 
     x: Array
     cost: float
     H: Array
-    told: Array
+    information: Array
     pull: Array
 
 
@@ -267,7 +267,7 @@ def _most_probable(
     rides: Sequence[FollowedRun],
     places: Sequence[Index],
     start: Array,
-    belief: tuple[Array, Array],
+    prior: tuple[Array, Array],
     bounds: tuple[Array, Array],
     moved: Sequence[int] | None = None,
     settled: float = CAL.between_settled,
@@ -278,11 +278,11 @@ def _most_probable(
     ----------
     places : of each ride's numbers among the unknowns.
     start : where the search begins.
-    belief : prior mean and precision of the unknowns.
+    prior : prior mean and precision of the unknowns.
     bounds : of the unknowns.
     moved, settled : as of `explained`, `common`.
     """
-    mean, precision = belief
+    mean, precision = prior
 
     def charge(u: Array) -> float:
         return 0.5 * float((u - mean) @ precision @ (u - mean))
@@ -293,7 +293,7 @@ def _most_probable(
     def curve(u: Array) -> Curve:
         value, g, H = charge(u), precision @ (u - mean), precision.copy()
         for ride, at in zip(rides, places, strict=True):
-            one = weigher.told(ride, u[at], moved)
+            one = weigher.curve(ride, u[at], moved)
             value += one.cost
             g[at] += one.g
             H[np.ix_(at, at)] += one.H

@@ -48,7 +48,7 @@ class ByColumns:
     probability: float
 
 
-def told_by_columns(after: Sequence[Recording], since: Sequence[Recording]) -> tuple[ByColumns, ...]:
+def steering_changes(after: Sequence[Recording], since: Sequence[Recording]) -> tuple[ByColumns, ...]:
     """Changes of the steering between recordings from before and after; none where one lacks a column."""
     if not all({"steer", MEASURED} <= item.signals.keys() for item in (*after, *since)):
         return ()

@@ -116,26 +116,26 @@ class InnovationNoise:
     degrees: float
     temper: float
 
-    def white(self, filter_innovations: FilterInnovations, scales: Array) -> Array:
+    def white(self, innovations: FilterInnovations, scales: Array) -> Array:
         """(B, R m) whitened innovations; a shorter block is the beginning of a whole one.
 
         Parameters
         ----------
         scales : (channels,) standard deviations over predicted ones.
         """
-        scaled = filter_innovations.white / np.tile(scales, filter_innovations.white.shape[1] // self.channels)
-        return np.where(filter_innovations.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
+        scaled = innovations.white / np.tile(scales, innovations.white.shape[1] // self.channels)
+        return np.where(innovations.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
 
-    def scales(self, filter_innovations: FilterInnovations) -> Array:
+    def scales(self, innovations: FilterInnovations) -> Array:
         """(channels,) most likely standard deviations over predicted ones; bounded below, as sensors do not improve.
 
         They must be at the minimum of the cost: only there do derivatives of the cost not depend on them.
         """
-        columns = np.arange(filter_innovations.white.shape[1]) % self.channels
-        parts = [np.where(columns == c, filter_innovations.white, 0.0) for c in range(self.channels)]
-        parts = [solve_triangular(self.root, part.T, lower=True).T * filter_innovations.there for part in parts]
+        columns = np.arange(innovations.white.shape[1]) % self.channels
+        parts = [np.where(columns == c, innovations.white, 0.0) for c in range(self.channels)]
+        parts = [solve_triangular(self.root, part.T, lower=True).T * innovations.there for part in parts]
         products = np.array([[np.sum(one * other, axis=1) for other in parts] for one in parts])  # of each block
-        count, read = np.sum(filter_innovations.there, axis=1), self._by_channel(filter_innovations.there)
+        count, read = np.sum(innovations.there, axis=1), self._by_channel(innovations.there)
 
         def cost(logarithms: Array) -> tuple[float, Array]:
             u = np.exp(-logarithms)
@@ -152,20 +152,20 @@ class InnovationNoise:
         )
         return np.asarray(np.exp(result.x))
 
-    def cost(self, filter_innovations: FilterInnovations) -> float:
+    def cost(self, innovations: FilterInnovations) -> float:
         """Negative log-likelihood, up to a constant."""
-        scales = self.scales(filter_innovations)
+        scales = self.scales(innovations)
         energy, count = (
-            np.sum(self.white(filter_innovations, scales) ** 2, axis=1),
-            np.sum(filter_innovations.there, axis=1),
+            np.sum(self.white(innovations, scales) ** 2, axis=1),
+            np.sum(innovations.there, axis=1),
         )
         blocks = 0.5 * float(np.sum((self.degrees + count) * np.log1p(energy / self.degrees)))
-        louder = float(np.sum(self._by_channel(filter_innovations.there) * np.log(scales)))
-        return self.temper * (blocks + louder + float(np.sum(filter_innovations.spread)))
+        louder = float(np.sum(self._by_channel(innovations.there) * np.log(scales)))
+        return self.temper * (blocks + louder + float(np.sum(innovations.spread)))
 
-    def weights(self, filter_innovations: FilterInnovations, white: Array) -> Array:
+    def weights(self, innovations: FilterInnovations, white: Array) -> Array:
         """(B,) weights of the squares of whitened innovations."""
-        degrees = self.degrees + np.sum(filter_innovations.there, axis=1)
+        degrees = self.degrees + np.sum(innovations.there, axis=1)
         return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
     def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
@@ -177,15 +177,15 @@ def plain_noise(size: int, channels: int) -> InnovationNoise:
     return InnovationNoise(np.eye(size), channels, CAL.block_degrees, 1.0)
 
 
-def noise_of(filter_innovationses: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
+def noise_of(of_rides: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
     """Distribution of the innovations of rides.
 
     Their covariance is that of a stationary series, to which each ride contributes relative to its scales.
     """
-    size = filter_innovationses[0].white.shape[1]
+    size = of_rides[0].white.shape[1]
     rows = size // channels
     start, gamma, total = plain_noise(size, channels), np.zeros((rows, channels, channels)), 0.0
-    for item in filter_innovationses:
+    for item in of_rides:
         scales = start.scales(item)
         white = start.white(item, scales)
         white *= np.sqrt(start.weights(item, white))[:, None]

@@ -19,7 +19,7 @@ from .innovations import FollowedRun
 
 
 @dataclass(frozen=True)
-class Promised:
+class Promising:
     """An effect on recordings from after, as a change beyond scatter.
 
     Attributes
@@ -91,8 +91,8 @@ def changes(
     cost : what a change must gain.
     """
     weigher, V = known.weigher, known.of_a_run
-    entry = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or entry[k, k] * V[k, k] > CAL.matters]
+    information = np.sum([weigher.curve(ride, known.x).H for ride in rides], axis=0)
+    moved = [k for k in range(len(V)) if k in known.varying or information[k, k] * V[k, k] > CAL.matters]
 
     def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
         return explained(weigher, rides, start, mean, V, moved)
@@ -101,8 +101,10 @@ def changes(
     judges = [[ride] for ride in others] or halves
     plain = [without(judge, known.x, base.x if halves else known.x) for judge in judges]
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
-    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda item: -item.gain)
-    tried = [item for k, item in enumerate(promised[: CAL.changed_refitted]) if k == 0 or item.gain > CAL.changed_least]
+    promising = sorted((_promising(known, base, rides, j) for j in named), key=lambda item: -item.gain)
+    tried = [
+        item for k, item in enumerate(promising[: CAL.changed_refitted]) if k == 0 or item.gain > CAL.changed_least
+    ]
     refits = [(item, *_refitted(known, rides, item, moved)) for item in tried]
     if refits:  # both sides of the comparison must have had the same starts
         nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
@@ -114,7 +116,7 @@ def changes(
     result = list[Change]()
     for item, best, shift in refits:
         occam = 0.5 * (_log_det(item.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        sd = float(change_sds(best.told, V)[item.place])
+        sd = float(change_sds(best.information, V)[item.place])
         shifts = [shift] * len(judges)
         if not others:
             near = replace(item, starts=(best.x,))
@@ -138,19 +140,19 @@ def changes(
 def _refitted(
     known: Common,
     rides: Sequence[FollowedRun],
-    promised: Promised,
+    promising: Promising,
     moved: Sequence[int],
     result: Sequence[RunExplained] = (),
 ) -> tuple[RunExplained, float]:
     """The best explanation with the prior widened, or one of `result`, and the change of its number beyond scatter."""
     weigher, V = known.weigher, known.of_a_run
-    tried = [explained(weigher, rides, x, known.x, promised.covariance, moved) for x in promised.starts]
+    tried = [explained(weigher, rides, x, known.x, promising.covariance, moved) for x in promising.starts]
     best = min([*result, *tried], key=lambda one: one.cost)
-    widened = promised.covariance[promised.place, promised.place] - V[promised.place, promised.place]
-    return best, float(widened * np.linalg.solve(promised.covariance, best.x - known.x)[promised.place])
+    widened = promising.covariance[promising.place, promising.place] - V[promising.place, promising.place]
+    return best, float(widened * np.linalg.solve(promising.covariance, best.x - known.x)[promising.place])
 
 
-def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:
+def _promising(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promising:
     """An effect's expected gain: from the base, a Gauss-Newton step from there, and magnitudes that are tried."""
     number, V = known.numbers[place], known.of_a_run
     width = number.change
@@ -163,7 +165,7 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
         return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
 
     g = base.pull + precision @ (base.x - known.x)
-    tried = [base.x, base.x - np.linalg.solve(base.told + precision, g)]
+    tried = [base.x, base.x - np.linalg.solve(base.information + precision, g)]
     for others in (base.x, known.x):  # in the base, other numbers may have absorbed the change
         for reach in CAL.changed_starts:
             x = others.copy()
@@ -172,7 +174,7 @@ def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], p
     costs = [cost(x) for x in tried]
     best = int(np.argmin(costs))
     starts = (tried[best],) if best < 2 else (tried[best], base.x)
-    return Promised(place, wide, starts, base.cost - costs[best])
+    return Promising(place, wide, starts, base.cost - costs[best])
 
 
 def _log_det(A: Array) -> float:

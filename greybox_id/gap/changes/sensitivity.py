@@ -53,7 +53,7 @@ def visible(
     effects, units : number of the model -> effect; effect -> unit.
     cost : what a change must gain, in nats.
     """
-    each = [known.weigher.told(ride, known.x).H for ride in rides]
+    each = [known.weigher.curve(ride, known.x).H for ride in rides]
     V = known.of_a_run
     sds = change_sds(np.median(each, axis=0), V)
     result = []

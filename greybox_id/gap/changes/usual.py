@@ -175,17 +175,17 @@ def usual(
     tell(f"estimating the usual values of effects from {the_recordings([one.recording.name for one in rides])}")
     nominal = values_of(known, np.array([item.mean for item in known]))
     scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
-    belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
+    prior_runs = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    result = common(weigher, rides, scatter, belief, settled=CAL.enough)  # only for sizes of noise
+    result = common(weigher, rides, scatter, prior_runs, settled=CAL.enough)  # only for sizes of noise
     follower.tune(rides, values_of(known, result.x))
     innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, result.x + result.deviations, strict=True)]
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
-    result = common(replace(weigher, noise=noise), rides, scatter, belief, result)
+    result = common(replace(weigher, noise=noise), rides, scatter, prior_runs, result)
     tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))
     tell("estimating the scatter between runs")
-    return common(tempered, rides, scatter, belief, result)
+    return common(tempered, rides, scatter, prior_runs, result)
 
 
 def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
@@ -193,7 +193,7 @@ def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
     together = round(CAL.together)
     single, sums = np.zeros(len(known.x)), np.zeros(len(known.x))
     for ride, deviation in zip(rides, known.deviations, strict=True):
-        scores = known.weigher.told(ride, known.x + deviation).scores
+        scores = known.weigher.curve(ride, known.x + deviation).scores
         parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
         single += np.sum(parts**2, axis=(0, 1))
         sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)

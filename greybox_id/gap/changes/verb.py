@@ -30,7 +30,7 @@ from ..estimation.calibration import CAL
 from ..gap import Closure, Gap, Ranked, Where
 from .between_runs import Common, RunExplained, values_of
 from .closing import budget_of, channels_of, closure, loudness
-from .columns import ByColumns, told_by_columns
+from .columns import ByColumns, steering_changes
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
 from .sensitivity import Visible, visible
@@ -142,7 +142,7 @@ def diagnose_change(
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
-        direct = by_place(known, value, told_by_columns([*after, *held_out], since))
+        direct = by_place(known, value, steering_changes([*after, *held_out], since))
         moved = known.x.copy()
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
@@ -259,10 +259,10 @@ def _answer(
     sure = weights / (1.0 + np.sum(weights))
     first = result[0] if result and result[0].least > 0 else None
     alike = [names[one.place] for one in result[1:] if first is not None and first.least - one.least < CAL.alike]
-    entry = known.x.copy()
+    directly = known.x.copy()
     for place, by in direct.items():
-        entry[place] += by.shift
-    mean, reason, applied = entry.copy(), "", [*direct]
+        directly[place] += by.shift
+    mean, reason, applied = directly.copy(), "", [*direct]
     if first is not None:
         mean[first.place] += first.shift[0]
     chosen, judged = closed(mean)
@@ -276,7 +276,7 @@ def _answer(
         elif not each.low < mean[first.place] < each.high:
             reason = "it is at its bound: a symptom of another cause, not an estimate"
         if reason:
-            mean = entry
+            mean = directly
             chosen, judged = closed(mean)
         else:
             applied.append(first.place)
@@ -359,7 +359,7 @@ def _sds(
     All other numbers have their prior for a run, but those that changed are free. Infinite where it exceeds the usual
     size of changes.
     """
-    L, V = np.sum([known.weigher.told(ride, known.x).H for ride in rides], axis=0), known.of_a_run.copy()
+    L, V = np.sum([known.weigher.curve(ride, known.x).H for ride in rides], axis=0), known.of_a_run.copy()
     V[applied, applied] += np.array([known.numbers[place].change for place in applied]) ** 2
     result = dict[str, float]()
     for place in known.varying:
@@ -373,18 +373,18 @@ def _sds(
     return result
 
 
-def by_place(known: Common, value: Mapping[str, Effect], by_columnses: Sequence[ByColumns]) -> dict[int, ByColumns]:
+def by_place(known: Common, value: Mapping[str, Effect], columns: Sequence[ByColumns]) -> dict[int, ByColumns]:
     """Changes that two columns show, by the index of their number."""
     places = {number.name: place for place, number in enumerate(known.numbers)}
-    return {places[value[one.effect].parameter.name]: one for one in by_columnses
+    return {places[value[one.effect].parameter.name]: one for one in columns
             if one.effect in value and value[one.effect].parameter.name in places}  # fmt: skip
 
 
-def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
+def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
     """The model with the vehicle's numbers at coordinates x."""
     values = values_of(known.numbers, x)
     result = model
-    for name, effect in entry.items():
+    for name, effect in effects.items():
         value, null = _within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
         if name in result.effects:
             result = result.with_parameters(result[effect.parameter.name].with_value(value))

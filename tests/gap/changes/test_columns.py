@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.gap.changes.columns import EFFECTS, told_by_columns
+from greybox_id.gap.changes.columns import EFFECTS, steering_changes
 
 
 def slalom(ratio=1.0, offset=0.0, delay=0.04, seed=0, measured=True, amplitude=0.1):
@@ -25,7 +25,7 @@ BEFORE = [slalom(seed=1), slalom(1.001, seed=2)]
      ({"delay": 0.09}, "steering_delay", 0.05)],
 )  # fmt: skip
 def test_what_changed_between_command_and_wheel_is_told_with_its_size(changed, effect, shift):
-    (own,) = told_by_columns([slalom(**changed, seed=3)], BEFORE)
+    (own,) = steering_changes([slalom(**changed, seed=3)], BEFORE)
     assert own.effect == effect
     assert own.shift == pytest.approx(shift, abs=4 * own.sd)
     assert own.sd < 0.1 * abs(shift)
@@ -33,17 +33,17 @@ def test_what_changed_between_command_and_wheel_is_told_with_its_size(changed, e
 
 
 def test_several_may_have_changed_at_once():
-    told = told_by_columns([slalom(0.9, 0.01, 0.1, seed=4)], BEFORE)
+    told = steering_changes([slalom(0.9, 0.01, 0.1, seed=4)], BEFORE)
     assert [own.effect for own in told] == list(EFFECTS)
 
 
 def test_where_nothing_changed_or_one_column_is_there_alone_nothing_is_told():
-    assert [told_by_columns([slalom(1.0005, seed=k)], BEFORE) for k in range(5, 25)] == [()] * 20
-    assert told_by_columns([slalom(1.2, seed=3, measured=False)], BEFORE) == ()
-    assert told_by_columns([slalom(1.2, seed=3)], [slalom(seed=1, measured=False)]) == ()
-    assert told_by_columns([slalom(1.2, seed=3, amplitude=1e-6)], BEFORE) == ()
+    assert [steering_changes([slalom(1.0005, seed=k)], BEFORE) for k in range(5, 25)] == [()] * 20
+    assert steering_changes([slalom(1.2, seed=3, measured=False)], BEFORE) == ()
+    assert steering_changes([slalom(1.2, seed=3)], [slalom(seed=1, measured=False)]) == ()
+    assert steering_changes([slalom(1.2, seed=3, amplitude=1e-6)], BEFORE) == ()
 
 
 def test_a_ratio_that_differed_before_is_no_change():
     scattered = [slalom(ratio, seed=k) for k, ratio in enumerate((0.95, 1.0, 1.05), 30)]
-    assert told_by_columns([slalom(1.06, seed=40)], scattered) == ()
+    assert steering_changes([slalom(1.06, seed=40)], scattered) == ()
