@@ -36,7 +36,7 @@ from scipy.optimize import least_squares
 
 import greybox_id as gb
 from greybox_id.gap.advice import to_drive
-from greybox_id.gap.design.discriminate import ambiguous, parted
+from greybox_id.gap.design.discriminate import ambiguous, distinguishable_effects
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicles import with_tolerances
@@ -257,7 +257,7 @@ def separation(seed: int, effort: float) -> dict[str, Any]:
         file = Path(folder) / "car.toml"
         file.write_text(vehicle_file_text(car, tolerances(car)), encoding="utf-8")
         gap = gb.diagnose("single_track", first, vehicle=file)
-        names, _ = parted(ambiguous(gap))
+        names, _ = distinguishable_effects(ambiguous(gap))
         if len(names) < 2:
             return found | {"open": list(names)}
         began = cpu_seconds()
@@ -409,7 +409,7 @@ def report(lines: list[dict[str, Any]]) -> dict[str, Any]:
 
 def aliases() -> dict[str, Any]:
     """Whether every pair that always reads the same is called impossible."""
-    found = {" ".join(pair): [list(own) for own in parted(pair)[1]] for pair in ALWAYS_ALIKE}
+    found = {" ".join(pair): [list(own) for own in distinguishable_effects(pair)[1]] for pair in ALWAYS_ALIKE}
     return {"pairs": len(found), "called_impossible": sum(len(own) == 1 for own in found.values())}
 
 

@@ -12,11 +12,11 @@ from ...engine.motion.lanes import Interval, lay
 from ...engine.motion.schedule import MotionRun, longest_segment, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
-from .driver import PATH, PLANNED, TOLD, PlanDriver, driven
+from .driver import OUTPUTS, PATH, PLANNED, PlanDriver, driven
 from .limits import DriveLimits
-from .primitives import AskedDrive
+from .primitives import PlannedDrive
 
-AT = {name: k for k, name in enumerate(TOLD)}
+AT = {name: k for k, name in enumerate(OUTPUTS)}
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class PlannedMotion:
     ----------
     time : (n,) s.
     steer, drive : (n,) commands, rad and the drive signal's unit.
-    motion : (n, outputs) see `driver.TOLD`.
+    motion : (n, outputs) see `driver.OUTPUTS`.
     phase : (n,) index of the phase.
     """
 
@@ -38,7 +38,7 @@ class PlannedMotion:
     phase: Index
 
     def of(self, name: str) -> Array:
-        """(n,) one of `driver.TOLD`."""
+        """(n,) one of `driver.OUTPUTS`."""
         return self.motion[:, AT[name]]
 
 
@@ -66,7 +66,7 @@ class PlanCourse:
         still = self._run(np.arange(4) / rate, np.zeros((4, len(self.model.inputs))), slowest)
         self.longest = longest_segment(self.simulator.trace, [still], self.model.values)
 
-    def references(self, plans: Sequence[AskedDrive]) -> list[PlannedMotion]:
+    def references(self, plans: Sequence[PlannedDrive]) -> list[PlannedMotion]:
         """Motions of plans with the nominal parameters, several at once; the driver keeps only the speed."""
         u = [
             np.column_stack([plan.steer, self._forward(plan), plan.speed, *[np.zeros(len(plan.time))] * 3])
@@ -87,11 +87,11 @@ class PlanCourse:
         full = self._parameters(np.column_stack([P, of_driver]), 1.0 if follow else 0.0)
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
-    def _forward(self, asked_drive: AskedDrive) -> Array:
+    def _forward(self, drive: PlannedDrive) -> Array:
         """Drive signal that keeps the planned speed on a straight."""
         c_0, c_1, c_2 = self.resistance
-        v = asked_drive.speed
-        force = self.driver.mass * np.gradient(v, asked_drive.time) + c_0 + c_1 * v + c_2 * v**2
+        v = drive.speed
+        force = self.driver.mass * np.gradient(v, drive.time) + c_0 + c_1 * v + c_2 * v**2
         return np.asarray(force / self.driver.force)
 
     def _parameters(self, P: Array, follow: float) -> Array:
@@ -100,7 +100,7 @@ class PlanCourse:
         return full
 
     def _run(self, time: Array, inputs: Array, v_x: float) -> MotionRun:
-        measured = np.full((len(time), len(TOLD)), np.nan)
+        measured = np.full((len(time), len(OUTPUTS)), np.nan)
         measured[:, AT["v_x"]] = v_x
         measured[:, [AT["v_y"], AT["yaw_rate"]]] = 0.0
         held = np.array([name in ("steer", "drive") for name in self.model.inputs])

@@ -89,7 +89,7 @@ def ambiguous(gap: Gap) -> tuple[str, ...]:
     return ()
 
 
-def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
+def distinguishable_effects(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str], ...]]:
     """Effects that some manoeuvre may distinguish, and pairs with the same readings whatever is driven.
 
     Of such a pair, the first effect stays and stands for both.
@@ -121,14 +121,14 @@ def discriminating(
     names = ambiguous(gap)
     if not names:
         return _nothing("discriminate", model, design_task, f"There is nothing to distinguish: {_alone(gap)}.")
-    rest, alike = parted(names)
+    distinguishable, alike = distinguishable_effects(names)
     impossible = [
         f"{one} and {other} produce the same readings in every manoeuvre, so no manoeuvre distinguishes them: measure "
         "the mounting angle of the sensor."
         for one, other in alike
     ]
-    known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
-    if unheld := [name for name in rest if name not in known]:
+    known = tuple(name for name in distinguishable if name in effects and effects[name].concerns(model))
+    if unheld := [name for name in distinguishable if name not in known]:
         impossible.append(f"{', '.join(unheld)}: left out, since this model has no equations for it.")
     if len(known) < 2:
         why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
@@ -136,7 +136,7 @@ def discriminating(
     chosen = known[:MOST_RIVALS]
     joint = _joint(gap, model, effects, chosen)
     rivals = _Rivals(gap, [_rival(gap, joint, effects[name]) for name in chosen], design_task)
-    found_plan, separation = rivals.told_apart(say)
+    found_plan, separation = rivals.separated(say)
     impossible += [
         f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
         f"(separation {item.nats:.1f} nats; {ENOUGH:g} are needed)."
@@ -191,7 +191,7 @@ def detecting(
     joint = _joint(gap, model, effects, chosen)
     shown = [_rival(gap, joint, effects[name], typical=True) for name in chosen]
     rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
-    found_plan, separation = rivals.told_apart(say)
+    found_plan, separation = rivals.separated(say)
     impossible = [
         f"No manoeuvre was found in {design_task.arena.words} that shows {item.pair[0]} at its usual size "
         f"(separation {item.nats:.1f} nats)."
@@ -236,13 +236,13 @@ class _Rivals:
             pairs=max(1, count * (count - 1) // 2),
         )  # fmt: skip
 
-    def told_apart(self, say: Say) -> tuple[FoundPlan, tuple[Separation, ...]]:
+    def separated(self, say: Say) -> tuple[FoundPlan, tuple[Separation, ...]]:
         """The best plan, or one that is good enough, and the separation of each pair: mean and 10 % quantile of draws.
 
         Of a pair, either explanation may be true: the smaller separation counts.
         """
         found_plan = self.search.best(say)
-        each = [self._lost(found_plan.plan, k, self.ways) for k in range(AVERAGED)]
+        each = [self._losses_by_pair(found_plan.plan, k, self.ways) for k in range(AVERAGED)]
         separation = []
         for a, b in self.pairs:
             ways = [[self.task.repeat * lost[way] for lost in each] for way in ((a, b), (b, a)) if way in each[0]]
@@ -269,7 +269,7 @@ class _Rivals:
         """
         result = []
         for plan in plans:
-            lost = self._lost(plan, 0, self.pairs if rough else self.ways, rough=rough)
+            lost = self._losses_by_pair(plan, 0, self.pairs if rough else self.ways, rough=rough)
             nats = np.array([min(lost[pair], lost.get(pair[::-1], inf)) for pair in self.pairs])
             if self.detect:
                 result.append(float(np.mean(np.minimum(nats, ENOUGH))))
@@ -278,18 +278,18 @@ class _Rivals:
                 result.append(float(np.min(nats) + 0.05 * np.mean(nats)))
         return result
 
-    def _lost(
+    def _losses_by_pair(
         self, plan: PlannedMotion, draw: int, ways: Sequence[tuple[int, int]], *, rough: bool = False
     ) -> dict[tuple[int, int], float]:
         """(true, wrong) -> nats that the wrong one loses where the true one is at one of its draws."""
         result = dict[tuple[int, int], float]()
         for true in dict.fromkeys(true for true, _ in ways):
             wrong = [other for one, other in ways if one == true]
-            nats = self._apart(plan, true, wrong, self.samples[true][draw], rough=rough)
+            nats = self._losses(plan, true, wrong, self.samples[true][draw], rough=rough)
             result |= {(true, other): value for other, value in zip(wrong, nats, strict=True)}
         return result
 
-    def _apart(
+    def _losses(
         self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
     ) -> list[float]:
         """Nats that wrong rivals lose on readings of the true one at p, after all of them have adapted.

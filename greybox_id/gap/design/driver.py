@@ -32,7 +32,7 @@ CORRECTION = 0.15
 PLANNED = ("v_x_planned", "x_planned", "y_planned", "yaw_planned")
 PATH = "driver_follows_path"
 """Parameter of a driven model: 1 where the driver brings the vehicle back to the planned path, 0 where not."""
-TOLD = (
+OUTPUTS = (
     *("v_x", "v_y", "yaw_rate", "x", "y", "yaw"),
     *("a_y", "F_yf", "F_yr", "F_xf", "F_xr", "peak_f", "peak_r", "drive_force"),
 )
@@ -153,18 +153,20 @@ def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
         return value + getattr(q.p, PATH) * back
 
     follows = Parameter(PATH, "1", 0.0, (0.0, 1.0), fixed=True, about="whether the driver follows the planned path")
-    entry = [
+    driver_numbers = [
         Parameter(parameter, "1", getattr(driver, name), fixed=True, about=f"{name} of the driver")
         for name, parameter in numbers.items()
     ]
     units = (("x", "m"), ("y", "m"), ("yaw", "rad"))
-    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(follows, *entry)
+    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(
+        follows, *driver_numbers
+    )
     return replace(
         added,
         inputs=(*added.inputs, *PLANNED),
         aliases=MappingProxyType({**added.aliases, **{name: (name,) for name in PLANNED}}),
         alterations=(("steer", steer), ("drive", drive), *added.alterations),
-        outputs=TOLD,
+        outputs=OUTPUTS,
         sensors=(),
         latencies=(),
     )

@@ -73,7 +73,7 @@ def known_by(fit: Fit) -> Known:
     return Known(tuple(one.name for _, one in free), places, precision, local)
 
 
-def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
+def target_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
     """The parameters whose precision counts: the named ones, else all free ones that new runs share.
 
     Raises
@@ -157,8 +157,8 @@ class Information:
         H, G = np.zeros((len(plans), q, q)), np.zeros((*problem.target.shape, q))
         loose = problem.free.copy()
         loose[np.concatenate(problem.parameters.index)] = False
-        told = zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
-        for k, (rows, (_, J)) in enumerate(told):
+        linearised = zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
+        for k, (rows, (_, J)) in enumerate(linearised):
             run, value = problem.intervals[k].run, problem.layout.index[k]
             index = problem.parameters.index[run][self.known.places]
             places = np.array([np.flatnonzero(value == place)[0] for place in index])
@@ -204,17 +204,17 @@ def criterion(precision: Array, known: Known, target: Sequence[str], kind: str) 
     """
     C = _inverse(precision)
     at = [known.names.index(name) for name in target]
-    entry = C[np.ix_(at, at)]
-    if not np.all(np.isfinite(entry)):
+    block = C[np.ix_(at, at)]
+    if not np.all(np.isfinite(block)):
         return -np.inf
     if kind == "d":
-        sign, value = np.linalg.slogdet(entry)
+        sign, value = np.linalg.slogdet(block)
         return -float(value) if sign > 0 else -np.inf
     if kind == "c":
-        return -float(np.log(max(entry[0, 0], 1e-300)))
+        return -float(np.log(max(block[0, 0], 1e-300)))
     before = np.sqrt(np.diag(_inverse(known.precision))[at])
     scale = np.where(np.isfinite(before), np.maximum(before, 1e-150), 1.0)
-    relative = entry / np.outer(scale, scale)
+    relative = block / np.outer(scale, scale)
     value = np.mean(np.diag(relative)) if kind == "a" else np.max(np.linalg.eigvalsh(relative))
     return -float(np.log(max(float(value), 1e-300)))
 

@@ -11,7 +11,7 @@ from ...fitting.fit import Fit
 from ...models.model import Model, must_be
 from ...models.motion_model import MotionModel
 from .course import PlannedMotion
-from .information import Information, criterion, draws, known_by, predicted_sd, wanted_names
+from .information import Information, criterion, draws, known_by, predicted_sd, target_names
 from .plan import Design
 from .search import PlanSearch
 from .task import DesignTask
@@ -45,7 +45,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
         arena and the limits.
     """
     model, known = must_move(fit.model), known_by(fit)
-    target = wanted_names(fit, known, names)
+    target = target_names(fit, known, names)
     samples = draws(fit, known, DRAWS, design_task.seed)
 
     def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:

@@ -99,7 +99,7 @@ class Handling:
 
 
 @dataclass(frozen=True)
-class AskedDrive:
+class PlannedDrive:
     """Planned steering and speed of a chain of phases, row by row.
 
     Attributes
@@ -116,7 +116,9 @@ class AskedDrive:
     phase: Index
 
 
-def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, duration: float, rate: float) -> AskedDrive:
+def chained(
+    phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, duration: float, rate: float
+) -> PlannedDrive:
     """Chain phases; the end is straight and slow.
 
     Parameters
@@ -145,7 +147,7 @@ def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, durat
     speed = _reachable(np.clip(speed, limits.speed_min, limits.speed_max), limits, rate)
     steer = turn * vehicle.grip * (vehicle.length / speed**2 + max(vehicle.understeer, 0.0))
     steer = np.clip(steer, -limits.steer_max, limits.steer_max)
-    return AskedDrive(np.arange(rows) / rate, _no_faster(steer, limits.steer_rate / rate), speed, number)
+    return PlannedDrive(np.arange(rows) / rate, _no_faster(steer, limits.steer_rate / rate), speed, number)
 
 
 def _reachable(speed: Array, limits: DriveLimits, rate: float) -> Array:

@@ -20,7 +20,7 @@ from .cma import CMA
 from .course import AT, PlanCourse, PlannedMotion, strain, worst_strain
 from .driver import driver_of, vehicle_of
 from .plan import Design
-from .primitives import SHAPES, Phase, asked
+from .primitives import SHAPES, Phase, chained
 from .task import NEEDED, DesignTask
 
 Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
@@ -134,12 +134,14 @@ class PlanSearch:
             if not inside:
                 raise self._no_room(gentlest)
         scored = sorted(self._scored(inside, rough=True), key=lambda item: -item.worth)
-        tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth)
+        tried = sorted(
+            [*self._refined(_best_by_length(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth
+        )
         kept, most = list[FoundPlan](), -np.inf
         for item in tried:
             if kept and item.worth <= most:  # made gentler, it would be worth even less
                 break
-            made = self.sure(item)
+            made = self.within_limits(item)
             if made is not None:
                 kept.append(made)
                 most = max(most, self._scored([made], rough=True)[0].worth)
@@ -158,7 +160,7 @@ class PlanSearch:
             )
         tight = strain(nearest.plan.motion, self.limits)
         worst = max(tight, key=lambda name: float(tight[name][0]))
-        kept = self._holding(nearest, self.samples[0])[0]
+        kept = self._kept_by(nearest, self.samples[0])[0]
         return BadInput(
             "The parameters are too uncertain for a plan: even the best manoeuvre keeps to the limits for only "
             f"{100 * kept:.0f} % of the plausible parameter values, and {100 * NEEDED:.0f} % are needed. For the other "
@@ -180,7 +182,7 @@ class PlanSearch:
         return Design(
             goal, course.model.name, self.arena, self.limits, phases=found_plan.phases, plan=found_plan.plan,
             corridor=np.quantile(good, [0.025, 0.975], axis=0), placement=found_plan.placement, driver=course.driver,
-            active_limits=self._used_up(found_plan, good), kept=self._holding(found_plan, samples)[0],
+            active_limits=self._used_up(found_plan, good), kept=self._kept_by(found_plan, samples)[0],
             repeat=self.task.repeat, **more,
         )  # fmt: skip
 
@@ -202,10 +204,10 @@ class PlanSearch:
         }
         return tuple(name for name, share in shares.items() if share >= 0.95)
 
-    def sure(self, result: FoundPlan) -> FoundPlan | None:
+    def within_limits(self, result: FoundPlan) -> FoundPlan | None:
         """The plan, made gentler until enough of the draws keep to the limits; None if they never do."""
         for _ in range(GENTLER):
-            kept, guilty = self._holding(result, self.samples[0], NEEDED)
+            kept, guilty = self._kept_by(result, self.samples[0], NEEDED)
             if result.broken <= 0 and kept >= NEEDED:
                 return result
             calmer = tuple(
@@ -222,7 +224,7 @@ class PlanSearch:
             result = self._made([(calmer, result.duration)])[0]
         return None
 
-    def _holding(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
+    def _kept_by(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
         """Share of the draws that keep to all limits, and the phases in which others break one first.
 
         All phases are blamed where the arena is left.
@@ -310,7 +312,7 @@ class PlanSearch:
 
     def _sketched(self, phases: tuple[Phase, ...], duration: float) -> float:
         """By how much a chain would leave the arena, m, if tyres did not slip."""
-        value = asked(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
+        value = chained(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
         v = value.speed
         yaw = (
             np.cumsum(v * value.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
@@ -342,7 +344,7 @@ class PlanSearch:
 
     def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
         """Plans of chains, several simulated at once, with their excess over limits."""
-        plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
+        plans = [chained(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
         result: dict[int, FoundPlan] = {}
         for first in range(0, len(order), AT_ONCE):
@@ -429,7 +431,7 @@ class PlanSearch:
         return tuple(phases), self.task.duration * float(np.clip(x[-1] / 3.0, 0.25, 1.0))
 
 
-def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
+def _best_by_length(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
     """The best chain of each number of phases, longer ones first: these include the shorter ones as special cases."""
     best: dict[int, FoundPlan] = {}
     for item in scored:
@@ -468,7 +470,7 @@ class _Refinement:
                 continue
             scored, broken = next(inside), 0.0
             if not np.isfinite(self.worth) or scored.worth > self.worth - 0.5:
-                broken = 1.0 - self.search._holding(scored, self.few)[0]
+                broken = 1.0 - self.search._kept_by(scored, self.few)[0]
                 if broken <= 0.0 and scored.worth > self.worth:
                     self.best = scored
             result.append(-scored.worth + PENALTY * broken)

@@ -13,7 +13,7 @@ from greybox_id.api.gap_result import GapResult
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.advice import advice
 from greybox_id.gap.design import discriminate
-from greybox_id.gap.design.discriminate import ENOUGH, ambiguous, parted
+from greybox_id.gap.design.discriminate import ENOUGH, ambiguous, distinguishable_effects
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.gap.saved import Made, as_text, stated_numbers
@@ -63,7 +63,7 @@ def test_the_model_of_a_diagnosis_is_built_from_its_file_alone(made):
 @pytest.mark.parametrize("turned", [False, True])
 def test_exact_aliases_are_called_impossible(saved, pair, turned):
     first, second = pair[::-1] if turned else pair
-    assert parted((first, second))[1] == ((first, second),)
+    assert distinguishable_effects((first, second))[1] == ((first, second),)
     design = gb.design(saved(unsure(first, second, (0.02, 0.02))), arena="disc:60")
     assert design.plan is None
     assert len(design.impossible) == 1

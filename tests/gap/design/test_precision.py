@@ -12,7 +12,7 @@ from greybox_id.gap.design.driver import driver_of, vehicle_of
 from greybox_id.gap.design.information import Information, criterion, draws, known_by, predicted_sd
 from greybox_id.gap.design.limits import DriveLimits
 from greybox_id.gap.design.precision import _exact, _hardly
-from greybox_id.gap.design.primitives import SHAPES, Phase, asked
+from greybox_id.gap.design.primitives import SHAPES, Phase, chained
 from greybox_id.gap.design.search import BEYOND
 from greybox_id.models.registry import build
 
@@ -26,13 +26,13 @@ def course(fit):
 
 
 def plan_of(course, fit, *phases, duration=8.0):
-    return course.references([asked(phases, vehicle_of(fit.model), LIMITS, duration, 50.0)])[0]
+    return course.references([chained(phases, vehicle_of(fit.model), LIMITS, duration, 50.0)])[0]
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_every_primitive_keeps_actuators_within_their_limits(fit, shape):
     vehicle = vehicle_of(fit.model)
-    own = asked(
+    own = chained(
         [Phase(shape, 1.1, 0.8, 12.0, 1.0, 0.3), Phase(shape, -0.9, 0.4, 18.0, 1.0)], vehicle, LIMITS, 9.0, 50.0
     )
     assert len(own.time) == 450
