@@ -116,6 +116,6 @@ def test_sigma_points_have_the_covariance():
 
 
 def test_readings_of_rough_models_are_tempered():
-    assert np.isclose(tempering(10_000, rough=True), 10 / (10 + 1.2e-3 * 10_000))
-    assert np.isclose(tempering(10_000, rough=True, left=0.5), 10 / (10 + (1.2e-3 + 0.01 * 0.5) * 10_000))
-    assert tempering(10_000, rough=False) == 1.0
+    assert np.isclose(tempering(10_000, inexact=True), 10 / (10 + 1.2e-3 * 10_000))
+    assert np.isclose(tempering(10_000, inexact=True, left=0.5), 10 / (10 + (1.2e-3 + 0.01 * 0.5) * 10_000))
+    assert tempering(10_000, inexact=False) == 1.0

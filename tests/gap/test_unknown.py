@@ -25,13 +25,13 @@ Y = np.array([1.0, 1.2]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
 EVERY = np.ones((ROWS, 2), dtype=bool)
 
 
-def beyond(e, good=EVERY, rough=True, alone=CAL.excess_rough):
-    return beyond_what_may_be(e, Y, SD, good, NAMES, alone, rough)
+def beyond(e, good=EVERY, inexact=True, alone=CAL.excess_rough):
+    return beyond_what_may_be(e, Y, SD, good, NAMES, alone, inexact)
 
 
 @pytest.mark.parametrize("rough", [True, False])
 def test_noise_alone_is_nothing(rough):
-    assert beyond(NOISE, rough=rough) <= 0.0
+    assert beyond(NOISE, inexact=rough) <= 0.0
 
 
 def test_an_error_in_proportion_to_the_signal_is_a_gap_once_it_is_larger_than_equations_may_be_off():
@@ -48,7 +48,7 @@ def test_v_y_may_be_off_by_more():
 
 def test_of_exact_equations_all_channels_are_taken_together():
     louder = np.sqrt([1.2, 1.0]) * NOISE  # a fifth more in one of two channels is a tenth more altogether
-    assert beyond(louder, rough=False, alone=0.03) == pytest.approx((0.1 - 4 / np.sqrt(ROWS)) / 0.03, abs=0.5)
+    assert beyond(louder, inexact=False, alone=0.03) == pytest.approx((0.1 - 4 / np.sqrt(ROWS)) / 0.03, abs=0.5)
 
 
 def test_what_is_not_counted_does_not_count():
@@ -57,7 +57,7 @@ def test_what_is_not_counted_does_not_count():
     assert beyond(off) > 1
     assert beyond(off, EVERY & (np.arange(ROWS) >= 100)[:, None]) <= 0.0
     assert beyond(off, np.zeros_like(EVERY)) == 0.0
-    assert beyond(off, np.zeros_like(EVERY), rough=False) == 0.0
+    assert beyond(off, np.zeros_like(EVERY), inexact=False) == 0.0
 
 
 def test_a_name_that_leaves_nothing_is_the_cause():
@@ -79,14 +79,14 @@ def test_effects_that_explain_only_together_what_none_explains_alone_stand_in_fo
 
 def test_where_noise_is_not_stated_more_may_be_unknown():
     own = Signs(0.0, 0.0, 0.0, 0.0, "", 3)
-    assert unknown_probability(own, told=False) > 2 * unknown_probability(own)
+    assert unknown_probability(own, noise_stated=False) > 2 * unknown_probability(own)
 
 
 def test_what_driving_still_explains_is_a_gap_of_rough_equations_where_it_gains_what_an_effect_must():
     own = Signs(0.3, 0.5, 1.0, 0.0, "", 0, over=100.0)
-    assert without_a_name(own, 1.1 * CAL.cost_without_forces / 100.0, rough=True)
-    assert not without_a_name(own, 0.9 * CAL.cost_without_forces / 100.0, rough=True)
-    assert not without_a_name(own, 1.0, rough=False)
+    assert without_a_name(own, 1.1 * CAL.cost_without_forces / 100.0, inexact=True)
+    assert not without_a_name(own, 0.9 * CAL.cost_without_forces / 100.0, inexact=True)
+    assert not without_a_name(own, 1.0, inexact=False)
 
 
 @pytest.mark.parametrize("rough", [True, False])
@@ -94,7 +94,7 @@ def test_errors_beyond_what_may_be_are_a_gap_where_noise_is_stated(rough):
     for beyond, gap in ((0.9, False), (1.1, True)):
         own = Signs(0.3, beyond, 1.0, 0.0, "", 0)
         assert without_a_name(own, 0.1, rough) == gap
-        assert not without_a_name(own, 0.1, rough, told=False)
+        assert not without_a_name(own, 0.1, rough, noise_stated=False)
 
 
 # ---- what driving still explains of residuals

@@ -21,7 +21,7 @@ class Read:
     def cost(self, ride, x):
         return 0.5 * float(np.sum(((x - ride.read) / ride.sd) ** 2))
 
-    def told(self, ride, x, moved=None):
+    def curve(self, ride, x, moved=None):
         del moved
         g, H = (x - ride.read) / ride.sd**2, np.diag(1 / ride.sd**2)
         return Curve(self.cost(ride, x), g, H, g[None])

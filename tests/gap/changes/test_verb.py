@@ -167,7 +167,7 @@ def test_driven_alike_is_steered_and_as_fast_as_the_others_most_of_the_time():
 def test_where_nothing_may_be_named_nothing_is():
     told = Curve(1.0, np.zeros(1), np.eye(1), np.zeros((1, 1)))
     number = VaryingNumber("yaw_rate_scale", True, 0.0, 0.1, 1e-3, -1.0, 1.0)
-    weigher = SimpleNamespace(numbers=(number,), told=lambda *_: told, cost=lambda *_: 1.0)
+    weigher = SimpleNamespace(numbers=(number,), curve=lambda *_: told, cost=lambda *_: 1.0)
     known = SimpleNamespace(weigher=weigher, of_a_run=np.eye(1), varying=(0,), numbers=(number,), x=np.zeros(1))
     base, found = changes(known, ["ride"], ["other"], nameless=["yaw_rate_scale"])
     assert found == []
@@ -200,7 +200,7 @@ def test_what_one_recording_tells_well_shows_from_a_smaller_size():
     )
     L = np.diag([1e6, 1e3, 1e-6])
     V = np.diag([0.01**2] * 3)
-    weigher = SimpleNamespace(told=lambda ride, x: SimpleNamespace(H=L))
+    weigher = SimpleNamespace(curve=lambda ride, x: SimpleNamespace(H=L))
     known = SimpleNamespace(weigher=weigher, of_a_run=V, x=np.zeros(3), numbers=numbers, varying=(0, 1, 2),
                             scatter=np.full(3, 0.01))  # fmt: skip
     names = {name: name for name in ("near", "far", "blind")}
