@@ -93,7 +93,7 @@ def test_profile_and_sandwich_agree_for_a_linear_problem():
     told = uncertainty(problem, found.x, found.nodes)
     half = student.ppf(0.975, told.dof) * told.sd
     assert np.allclose(told.interval()[0], found.x[0] + half[0] * np.array([-1, 1]))
-    assert np.allclose(profile(problem, found.x, found.nodes, 0, told=told).interval, told.interval()[0], rtol=1e-3)
+    assert np.allclose(profile(problem, found.x, found.nodes, 0, known=told).interval, told.interval()[0], rtol=1e-3)
 
 
 def test_impulse_responses_have_the_tuned_correlated_kernel():

@@ -207,7 +207,7 @@ def profiles(
             say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
         at = place(problem, fit.model, names[k])
         ratio = wider(fit, names[k], float(known.sd[at]))
-        value = profile_one(problem, solution.x, solution.nodes, at, told=known, confidence=confidence, wider=ratio)
+        value = profile_one(problem, solution.x, solution.nodes, at, known=known, confidence=confidence, wider=ratio)
         intervals = (known.interval(confidence, one)[at] for one in (ratio, 1.0))
         both, noise = ((float(low), float(high)) for low, high in intervals)
         return ProfileBeside(value, both, ratio * float(known.sd[at]), noise, float(known.sd[at]))

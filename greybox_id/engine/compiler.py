@@ -110,7 +110,7 @@ def _run(command: Sequence[str], environment: Mapping[str, str]) -> tuple[int, s
             try:
                 _, complaint = working.communicate(timeout=NOTICED)
             except subprocess.TimeoutExpired:
-                _told_once("Waiting for the C compiler; the compiled code is kept for the next time.", logging.INFO)
+                _log_once("Waiting for the C compiler; the compiled code is kept for the next time.", logging.INFO)
                 _, complaint = working.communicate()
         except BaseException:
             working.kill()
@@ -155,25 +155,25 @@ def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
     folder = _kernels()
     if folder is not None:
         with suppress(CannotCompile, OSError):  # a full disk, or a folder from which nothing may be executed
-            return ctypes.CDLL(str(_found(folder, name) or chosen.compile(elsewhere(sources), folder, name)))
+            return ctypes.CDLL(str(_cached(folder, name) or chosen.compile(elsewhere(sources), folder, name)))
     value = Path(_own_folder().name)
-    path = _found(value, name) or chosen.compile(elsewhere(sources), value, name)
+    path = _cached(value, name) or chosen.compile(elsewhere(sources), value, name)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
         raise CannotCompile(f"What the C compiler made cannot be loaded: {error}.") from error
 
 
-def tell_slow(what: str, times: str, error: CannotCompile) -> None:
+def warn_slow(what: str, times: str, error: CannotCompile) -> None:
     """Warn once per process and reason that something runs without compiled code, and why."""
-    _told_once(
+    _log_once(
         f"{what} runs without compiled code, about {times} times slower. {error} Install a C compiler, or name it in "
         "CC. With GREYBOX_COMPILE=0 nothing is compiled, and this message is not printed."
     )
 
 
 @lru_cache
-def _told_once(sentence: str, level: int = logging.WARNING) -> None:
+def _log_once(sentence: str, level: int = logging.WARNING) -> None:
     logging.getLogger("greybox_id").log(level, sentence)
 
 
@@ -182,11 +182,11 @@ def _compiler(command: tuple[str, ...]) -> Compiler:
     return Compiler(command)
 
 
-def _found(folder: Path, name: str) -> Path | None:
+def _cached(folder: Path, name: str) -> Path | None:
     """A library of this user whose content matches its name; damaged ones are removed."""
     for path in folder.glob(f"{name}-*.so"):
         with suppress(OSError):
-            if not (stat.S_ISREG(path.lstat().st_mode) and _ours(path.lstat())):
+            if not (stat.S_ISREG(path.lstat().st_mode) and _only_ours(path.lstat())):
                 continue
             if path.stem.removeprefix(f"{name}-") == _checksum(path):
                 return path
@@ -199,7 +199,7 @@ def _checksum(path: Path) -> str:
         return hashlib.file_digest(opened, "sha256").hexdigest()[:32]
 
 
-def _ours(known: os.stat_result) -> bool:
+def _only_ours(known: os.stat_result) -> bool:
     """Whether nobody else can change this file or folder; a symbolic link does not count."""
     if not hasattr(os, "geteuid"):
         return True
@@ -207,7 +207,7 @@ def _ours(known: os.stat_result) -> bool:
     return alone and known.st_uid == os.geteuid() and not stat.S_ISLNK(known.st_mode)
 
 
-def _stays(about: os.stat_result) -> bool:
+def _irreplaceable(about: os.stat_result) -> bool:
     """Whether nobody else can replace a folder inside this one."""
     if not hasattr(os, "geteuid"):
         return True
@@ -222,8 +222,8 @@ def _kernels() -> Path | None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        if not (_ours(folder.lstat()) and _stays(folder.parent.stat())):
-            _told_once(
+        if not (_only_ours(folder.lstat()) and _irreplaceable(folder.parent.stat())):
+            _log_once(
                 f"{folder} is not used: it belongs to another user, or others can write to it or to the folder above "
                 "it, and its files would be executed. Remove it, or name another cache in GREYBOX_CACHE."
             )

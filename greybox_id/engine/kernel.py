@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
-from .against import Against, led, square
-from .compiler import CannotCompile, library, tell_slow
+from .compiler import CannotCompile, library, warn_slow
+from .lane_targets import LaneTargets, square, to_unknowns
 from .vectors import FEW, WIDE, narrow_source, scratch_size, source, writers
 from .virtual import VirtualMachine
 
@@ -276,7 +276,7 @@ class Kernel:
         columns: ArrayLike,
         seed: Array,
         places: ArrayLike,
-        against: Against,
+        against: LaneTargets,
         residuals: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """J'J and J'r of every lane, with r the weighted residuals of readings and J their derivative.
@@ -308,7 +308,7 @@ class Kernel:
         self._load(LINEARISED * lanes * segments)
         if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
             _, Z_free, y, Y_free = self.linearise(*given, chosen)
-            Z, Y = (led(item, seed, placed) for item in (Z_free, Y_free))
+            Z, Y = (to_unknowns(item, seed, placed) for item in (Z_free, Y_free))
             return Z, *against.accumulated(y, Y, residuals)
         whole = np.ascontiguousarray
         z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
@@ -382,7 +382,7 @@ class Kernel:
             except CannotCompile as error:
                 if self._wanted:
                     raise
-                tell_slow("The model", "ten", error)
+                warn_slow("The model", "ten", error)
                 self._cannot = True
         self.compiled = self._library is not None
 

@@ -103,7 +103,7 @@ class NormalEquations:
 
     H: Array
     g: Array
-    pulled: Callable[[Array, Any], Array] | None = None
+    frozen_gradient: Callable[[Array, Any], Array] | None = None
 
 
 def lay_out(model: Model, count: int, copies: int) -> Layout:
@@ -134,7 +134,7 @@ def limits(model: Model, layout: Layout) -> tuple[tuple[Array, Array], NDArray[n
     return (low, high), free
 
 
-def beliefs(
+def prior_system(
     model: Model, layout: Layout, copies: int, strengths: Mapping[str, float] | None
 ) -> tuple[sp.csr_matrix, Array]:
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""

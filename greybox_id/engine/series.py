@@ -252,7 +252,7 @@ class Run:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
         return Linearisation(y, by_p, by_nodes)
 
-    def pulled(self, p: Array, weighed: Callable[[Array], Array], nodes: Array | None = None) -> Array | None:
+    def adjoint_product(self, p: Array, weighed: Callable[[Array], Array], nodes: Array | None = None) -> Array | None:
         """Derivative of the weighted sum of the predictions by the parameters, (parameters,).
 
         Adjoint mode: windows backwards, without storing the Jacobian. Around matched nodes the derivative includes the

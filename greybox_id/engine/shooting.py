@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from ..base.shorthands import Array, Mask
 from ..datasets.recording import Recording
 from .elements import Sensing
-from .least_squares import NormalEquations, beliefs, lay_out, limits
+from .least_squares import NormalEquations, lay_out, limits, prior_system
 from .series import Run, runs
 from .trace import Trace
 
@@ -120,7 +120,7 @@ class Problem:
         self._weights: list[Array] | None = None
         self.bounds, self.free = limits(trace.model, self.layout)
         self._priors: dict[tuple[tuple[str, float], ...], tuple[sp.csr_matrix, Array, Array]] = {}
-        self.R, self.r, self._believed = self._prior(strengths or {})
+        self.R, self.r, self._prior_curvature = self._prior(strengths or {})
         self._last: tuple[Array, NormalEquations] | None = None
         self._missed: tuple[Array, float] | None = None
 
@@ -143,11 +143,11 @@ class Problem:
         if noise is not None:
             other.noise = np.asarray(noise, dtype=float)
         if strengths is not None:
-            other.R, other.r, other._believed = self._prior(strengths)
+            other.R, other.r, other._prior_curvature = self._prior(strengths)
             if self._last is not None and noise is None and keep is None:
                 x, last = self._last
                 g = other.R.T @ other.prior_residuals(x) - self.R.T @ self.prior_residuals(x)
-                other._last = x, NormalEquations(last.H + other._believed - self._believed, last.g + g)
+                other._last = x, NormalEquations(last.H + other._prior_curvature - self._prior_curvature, last.g + g)
         if keep is not None:
             other._keep = list(keep)
         return other
@@ -167,7 +167,7 @@ class Problem:
         """Jacobian R and offset r of the prior residuals R x - r, and R'R; cached for all copies of this problem."""
         key = tuple(sorted(strengths.items()))
         if key not in self._priors:
-            R, r = beliefs(self.trace.model, self.layout, self.copies, strengths)
+            R, r = prior_system(self.trace.model, self.layout, self.copies, strengths)
             self._priors[key] = R, r, (R.T @ R).toarray()
         return self._priors[key]
 
@@ -231,7 +231,7 @@ class Problem:
         """Linearise all residuals at a matched point and eliminate the nodes."""
         if self._last is not None and np.array_equal(self._last[0], x):  # nodes match, so x determines them
             return self._last[1]
-        result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
+        result = NormalEquations(self._prior_curvature.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
         for stretch, weight, (residuals, J) in zip(
             self._stretches, self._weighing, self._linearised(x, nodes), strict=True
         ):
@@ -288,10 +288,10 @@ class Problem:
             k, run = stretch.numbers.start, stretch.run
             index = self.layout.index[k]
             weighed = partial(_weighed, run.measured[run.predicted], weight)
-            pulled = run.pulled(x[index], weighed, nodes[k] if nodes else None)
-            if pulled is None:
+            adjoint = run.adjoint_product(x[index], weighed, nodes[k] if nodes else None)
+            if adjoint is None:
                 return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
-            np.add.at(g, index, pulled)
+            np.add.at(g, index, adjoint)
         return np.where(self.free, g, 0.0)
 
     def residuals(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:

@@ -19,7 +19,7 @@ import numpy as np
 from ..base.shorthands import Array, Index
 from ..datasets.checks.values import outlying
 from ..datasets.recording import Recording
-from ..engine.compiler import CannotCompile, tell_slow
+from ..engine.compiler import CannotCompile, warn_slow
 from ..engine.motion.schedule import MotionRun, longest_segment, motion_runs, schedule
 from .kernel import CompiledFilter, History, Kept, Kind, SigmaPoints
 from .plain import PlainFilter
@@ -272,7 +272,7 @@ def filtering(
         except CannotCompile as error:
             if stated:
                 raise
-            tell_slow("The filter", "a thousand", error)
+            warn_slow("The filter", "a thousand", error)
     return Filtering(space, PlainFilter(space, kind, points), gate)
 
 

@@ -151,7 +151,7 @@ def widening(channels: Sequence[Consistency]) -> float:
 
 LOST = 5.0
 """Median NIS of a window beyond which the filter has lost the vehicle; otherwise the median is 0.45."""
-TOLD = 0.5
+IDENTIFIABLE = 0.5
 """Standard deviation of a tracked parameter, relative to its prior one, below which it is identifiable."""
 MOSTLY = 0.9
 FLOORED = 0.999
@@ -252,13 +252,13 @@ def only_over_mass(model: MotionModel) -> list[str]:
     ]
 
 
-def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
+def identifiable_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
     """(n,) rows in which the recording makes a tracked parameter clearly more precise than its prior."""
     before = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)
-    return np.asarray(sds < TOLD * before)
+    return np.asarray(sds < IDENTIFIABLE * before)
 
 
-def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
+def unidentifiable(name: str, mask: Mask, slip: Array | None, force: str) -> str:
     """A sentence on a cornering stiffness that is not identifiable in some rows; "" if there are few.
 
     Parameters

@@ -225,7 +225,7 @@ def walking(
         raise BadInput(f"{', '.join(twice)} is named twice; name it once.")
     tracked: list[Tracked] = []
     for name in names:
-        model, value = _found(model, name, effects)
+        model, value = _with_parameter(model, name, effects)
         if any(other.name == value for other in tracked):
             raise BadInput(f"{name} is named twice: it is {value} by another name; name it once.")
         tracked.append(_tracked(model, value, returns=name in disturbances))
@@ -239,7 +239,7 @@ def trackable(model: MotionModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*scaled, *numbers, *model.inputs, *model.quantities)))
 
 
-def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tuple[MotionModel, str]:
+def _with_parameter(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tuple[MotionModel, str]:
     """The model with a parameter for the named value, and the parameter's name."""
     if name in model:
         if model[name].shape != ():
@@ -261,7 +261,7 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
         free = replace(model, defaults={**model.defaults, name: 0.0})
         same = next((signal for signal in signals if signal in model.quantities), "")
         if same:  # track the quantity that the input determines, in a unit that needs no factor
-            return _found(free, same, effects)
+            return _with_parameter(free, same, effects)
         return free.with_parameters(Parameter(name, unit_of(signals[0]), 0.0)).altered(**{name: _given(name)}), name
     if name in model.quantities:
         parameter = Parameter(name, unit_of_quantity(name), 0.0, about="in place of its equation")

@@ -22,14 +22,14 @@ from .findings import (
     Consistency,
     consistency,
     distrusted_data,
+    identifiable_rows,
     lost,
     must_be_finite,
     must_fill_a_window,
     only_over_mass,
     standing,
-    told_rows,
     too_quiet,
-    untold,
+    unidentifiable,
     widening,
     window_rows,
 )
@@ -182,7 +182,7 @@ class Tracker:
         seen.clear()
         del histories  # for hours of data, release it before the next step
         widened = widening([judged[name] for name in self.readings])
-        known, about = self._told(result)
+        known, about = self._identifiable(result)
         sds = result.variances
         for sd in sds.values():  # in place: for hours of data, a second copy is large
             np.sqrt(sd, out=sd)
@@ -338,16 +338,16 @@ class Tracker:
             result[name] = consistency(off, spread, per_window, self.how.gate)
         return result
 
-    def _told(self, result: _Estimates) -> tuple[dict[str, float], list[str]]:
+    def _identifiable(self, result: _Estimates) -> tuple[dict[str, float], list[str]]:
         """For each tracked parameter, the share of rows in which it is identifiable, and sentences on stiffness."""
         shares, sentences = {}, []
         for item in self.space.tracked:
-            known = told_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
+            known = identifiable_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
             shares[item.name] = float(np.mean(known))
             scaled = next((c.name for c in self.space.model.combinations if c.scaled_by == item.name), item.name)
             if scaled in STIFFNESSES:
                 axle = scaled[-2:]
-                sentences.append(untold(scaled, known, result.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
+                sentences.append(unidentifiable(scaled, known, result.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
         return shares, [sentence for sentence in sentences if sentence]
 
     def _unit(self, name: str) -> str:

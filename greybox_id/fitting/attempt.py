@@ -130,7 +130,7 @@ def attempted(
     """Fit from one start; the last point reached if interrupted; None if the model is not finite."""
     reached: Attempt | None = None  # only the last one: each has layouts of all rows
     try:
-        for latest in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
+        for latest in _attempts(simulator, recordings, p, how, say, name, short, tolerance):
             if latest.solution.status is Status.NOT_FINITE:
                 return None
             reached = latest
@@ -173,7 +173,7 @@ def predicted_share(simulator: Simulator, recordings: Sequence[Recording], p: Ar
     return reduction / max(problem.misfit(x, nodes), LEAST_NOISE)
 
 
-def _on_the_way(
+def _attempts(
     simulator: Simulator,
     recordings: Sequence[Recording],
     p: Array,
@@ -258,7 +258,7 @@ def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float,
 
     solution = searched(x)
     for _ in range(MOST_WALLS):
-        if solution.status is not Status.STALLED or not _walled(problem, solution):
+        if solution.status is not Status.STALLED or not _bounded_at_jumps(problem, solution):
             break
         further = searched(solution.x)
         solution = replace(further, steps=solution.steps + further.steps, history=solution.history + further.history)
@@ -271,7 +271,7 @@ def _place(problem: MotionProblem, x: Array) -> str:
     return " ".join(f"{name}={p[place]:.6g}" for name, place in free_places(problem.model.parameters).items())
 
 
-def _walled(problem: MotionProblem, solution: Solution) -> bool:
+def _bounded_at_jumps(problem: MotionProblem, solution: Solution) -> bool:
     """Bound unknowns where the problem's objective jumps up; return whether there are any.
 
     A delay meets such a wall where a reading would come before a command rather than after it: a search presses against

@@ -160,7 +160,7 @@ EIGHTHS = {2: "quarter", 3: "three eighths", 4: "half", 5: "five eighths", 6: "t
 """Names of the first part of the data, by its number of eighths."""
 FREE_RUN = "free run"
 """The protocol by which every model that can simulate itself is scored."""
-UNTOLD = 0.5
+UNDETERMINED = 0.5
 """Largest relative standard deviation of a positive parameter that counts as determined."""
 
 
@@ -249,7 +249,7 @@ class Fit:
                     result |= _against_prior(parameter, parameter.prior, float(sd))
                 elif not np.isfinite(sd):
                     result[parameter.name] = "not determined by this recording"
-                elif low >= 0 and parameter.name not in self.model.effects and sd > UNTOLD * value:
+                elif low >= 0 and parameter.name not in self.model.effects and sd > UNDETERMINED * value:
                     result[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
                 if known := [note for note in (result.get(parameter.name), *self._scaled(parameter.name)) if note]:
                     result[parameter.name] = "; ".join(known)

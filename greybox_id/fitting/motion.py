@@ -20,7 +20,7 @@ from ..base.numbers import counted, number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
-from ..engine.against import HOURS
+from ..engine.lane_targets import HOURS
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
 from ..engine.motion.schedule import longest_segment, motion_runs, recorded_as
 from ..engine.motion.shooting import MotionProblem
@@ -169,7 +169,7 @@ def fit_motion(
                 for better in _fallbacks(simulator, recordings, points, reached, trouble, how, say):
                     reached = better
             if trouble and reached is not None and _trouble(simulator, points[0], reached) == Status.TOO_FAST.value:
-                reached = _not_believed(reached)
+                reached = _rejected(reached)
         except KeyboardInterrupt:
             interrupted = True
     if reached is None:
@@ -207,7 +207,7 @@ class _Reached:
     fallbacks: tuple[str, ...] = ()
 
 
-def _not_believed(reached: _Reached) -> _Reached:
+def _rejected(reached: _Reached) -> _Reached:
     """The same, not as an optimum: if the motion is too fast to simulate, the curvature is that of the integrator."""
     certificate = None if reached.certificate is None else replace(reached.certificate, confirmed=False)
     return replace(reached, solution=replace(reached.solution, status=Status.TOO_FAST), certificate=certificate)
@@ -305,7 +305,7 @@ def _fallbacks(
             )
         )
     tried: tuple[str, ...] = ()
-    reached = None if reached is None else _light(reached)
+    reached = None if reached is None else _released(reached)
     for words, way in ways:
         say(f"{model.name}: {why}; trying {words}")
         result = way()
@@ -330,7 +330,7 @@ def _fallbacks(
         remaining = _trouble(simulator, points[0], candidate)
         least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(candidate) else LOWER
         if reached is None or gained > least or (gained > -LOWER and not remaining):
-            reached = candidate if not remaining else _light(candidate)
+            reached = candidate if not remaining else _released(candidate)
             why = remaining
             tried = (
                 *tried,
@@ -349,7 +349,7 @@ def _fallbacks(
             return
 
 
-def _light(reached: _Reached) -> _Reached:
+def _released(reached: _Reached) -> _Reached:
     """The same, for hours of data without layouts and simulation, which are made again when needed."""
     if not _of_hours(reached.problem):
         return reached
@@ -376,7 +376,7 @@ def _percent(share: float) -> str:
 
 def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Check by Ipopt; if it moves the solution, Gauss-Newton takes unknowns close to bounds to them, and so on."""
-    solution, certificate = _asked(problem, result, say)
+    solution, certificate = _checked_by_ipopt(problem, result, say)
     for rounds_left in reversed(range(CARRIED_ON)):
         if certificate.confirmed:
             break
@@ -394,12 +394,12 @@ def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solu
             break
         before = certificate.objective_before
         result = replace(solution, status=Status.CONVERGED)
-        solution, certificate = _asked(problem, result, say)
+        solution, certificate = _checked_by_ipopt(problem, result, say)
         certificate = replace(certificate, objective_before=before)
     return solution, certificate
 
 
-def _asked(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
+def _checked_by_ipopt(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ipopt's solution and report. Raises `KeyboardInterrupt` if it was stopped."""
     solution, certificate = certified(problem, result, say)
     if solution.status is Status.INTERRUPTED:

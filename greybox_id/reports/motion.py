@@ -28,7 +28,7 @@ from ..fitting.fit import SURPRISING, Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.provenance import Stage
 from ..fitting.scores.metrics import FREE_RUN, HORIZONS, ahead
-from ..fitting.uncertainty.identifiability import absent, left_open, told_together
+from ..fitting.uncertainty.identifiability import absent, combination_sentences, left_open
 from ..models.model import Model
 from ..models.motion_model import MotionModel
 from ..models.parameter import Parameter
@@ -258,7 +258,7 @@ def estimates(fit: Fit) -> tuple[Part, ...]:
     """Parameters, effects, combinations, and what is not identifiable."""
     model = fit.model
     free = [p for p in model.parameters if not p.fixed and p.name not in model.effects]
-    open_ = tuple(_printed(sentence) for sentence in told_together(fit))
+    open_ = tuple(_printed(sentence) for sentence in combination_sentences(fit))
     return (
         *titled("Parameters", scalars(fit, free), Text(f"{INTERVALS} {' '.join(_held(fit))}")),
         *titled("Effects", scalars(fit, [model[name] for name in model.effects], absent(fit)), level=2),

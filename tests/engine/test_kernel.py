@@ -19,10 +19,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from greybox_id.base import files
 from greybox_id.engine import compiler, kernel, straight
-from greybox_id.engine.against import Against
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
 from greybox_id.engine.kernel import Kernel
+from greybox_id.engine.lane_targets import LaneTargets
 
 BINARY = [cs.fmin, cs.fmax, cs.copysign, cs.SX.__pow__, cs.atan2, cs.hypot, cs.fmod, cs.remainder]
 NAMES = {*CHEAP, *CALLS} - {"pow", *[function.__name__ for function in BINARY]}
@@ -257,7 +257,7 @@ def test_normal_equations_are_those_of_the_jacobian(lanes, robust, compiled):
     made, columns, random = Kernel(*single_track(), compiled=compiled), [0, 3, 8, 5], np.random.default_rng(3)
     _, _, y, Y = made.linearise(z0, s, p, reads, columns)
     weight = random.uniform(0.5, 2.0, y.shape) * (random.random(y.shape) < 0.8)
-    against = Against(y + random.standard_normal(y.shape), weight, robust)
+    against = LaneTargets(y + random.standard_normal(y.shape), weight, robust)
     seed, places = random.standard_normal((lanes, z0.shape[1], 6)), [5, 0, 3, 1]
     J = Y[..., : z0.shape[1]] @ seed[:, None]
     J[..., places] += Y[..., z0.shape[1] :]
@@ -278,7 +278,7 @@ def test_normal_equations_are_those_of_the_jacobian(lanes, robust, compiled):
 def test_two_threads_give_the_same_digits(lanes, monkeypatch):
     monkeypatch.setattr(kernel, "SHARED_FROM", 1)
     (*given, reads), made = driven(lanes, 30), Kernel(*single_track(), compiled=True)
-    against = Against(*np.random.default_rng(1).random((2, lanes, int(np.sum(reads)), 3)))
+    against = LaneTargets(*np.random.default_rng(1).random((2, lanes, int(np.sum(reads)), 3)))
     seed, found = np.tile(np.eye(3, 5), (lanes, 1, 1)), []
     for count in ("1", "2", "3"):
         monkeypatch.setenv("GREYBOX_THREADS", count)
@@ -298,13 +298,13 @@ def huber(r, robust):
 def test_normal_equations_of_more_unknowns_than_are_added_up_at_once_are_the_same(monkeypatch):
     z0, s, p, reads = driven(3, 20)
     made, seed = Kernel(*single_track(), compiled=True), np.tile(np.eye(3, 5), (3, 1, 1))
-    against = Against(np.zeros((3, int(np.sum(reads)), 3)), np.ones((3, int(np.sum(reads)), 3)))
+    against = LaneTargets(np.zeros((3, int(np.sum(reads)), 3)), np.ones((3, int(np.sum(reads)), 3)))
     given = z0, s, p, reads, [1, 4], seed, [3, 4], against
     fused = made.normal_equations(*given)
     monkeypatch.setattr(kernel, "MOST_FUSED", 3)
     assert_same(fused, made.normal_equations(*given))
     with pytest.raises(ValueError, match="do not match"):
-        made.normal_equations(*given[:-1], Against(against.target[:, 1:], against.weight[:, 1:]))
+        made.normal_equations(*given[:-1], LaneTargets(against.target[:, 1:], against.weight[:, 1:]))
 
 
 @both_ways
@@ -468,7 +468,7 @@ def test_a_damaged_library_is_made_again(damage, compiled_once, filled_cache):
 @needs_compiler
 @pytest.mark.parametrize("mode", [0o777, 0o775, 0o702])
 def test_a_folder_that_others_can_write_to_is_not_used_and_that_is_said_once(mode, empty_cache, caplog):
-    compiler._told_once.cache_clear()
+    compiler._log_once.cache_clear()
     (empty_cache / "kernels").mkdir(parents=True)
     (empty_cache / "kernels").chmod(mode)
     for _ in range(2):
@@ -481,7 +481,7 @@ def test_a_folder_that_others_can_write_to_is_not_used_and_that_is_said_once(mod
 
 @needs_compiler
 def test_a_folder_in_one_that_others_can_write_to_is_not_used(empty_cache, caplog):
-    compiler._told_once.cache_clear()
+    compiler._log_once.cache_clear()
     empty_cache.mkdir(parents=True, exist_ok=True)
     empty_cache.chmod(0o777)
     assert worked(compiled=True)[0].compiled
@@ -534,7 +534,7 @@ def test_a_planted_library_under_the_right_name_is_not_executed(filled_cache):
 def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_cache, caplog):
     monkeypatch.setenv("CC", said)
     monkeypatch.setattr(kernel, "PAYS", 0)
-    compiler._told_once.cache_clear()
+    compiler._log_once.cache_clear()
     made, found = worked()
     assert_same(found, worked(compiled=False)[1])
     if not made.compiled:
@@ -544,7 +544,7 @@ def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_ca
 @needs_compiler
 def test_a_wait_for_the_compiler_is_explained_once(empty_cache, monkeypatch, caplog):
     monkeypatch.setattr(compiler, "NOTICED", 0.0)
-    compiler._told_once.cache_clear()
+    compiler._log_once.cache_clear()
     caplog.set_level("INFO", "greybox_id")
     for _ in range(2):
         assert worked(compiled=True)[0].compiled

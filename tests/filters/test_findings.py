@@ -13,12 +13,12 @@ from greybox_id.filters.findings import (
     bounds,
     consistency,
     distrusted_data,
+    identifiable_rows,
     lost,
     must_be_finite,
     only_over_mass,
-    told_rows,
     too_quiet,
-    untold,
+    unidentifiable,
     widening,
     windowed,
 )
@@ -156,17 +156,21 @@ def test_a_single_glitch_is_no_stretch(run, history):
 
 def test_a_number_is_told_where_it_is_known_twice_as_well_as_before():
     values, sds = np.array([1.0, 1.0, 4.0]), np.array([0.11, 0.09, 0.3])
-    np.testing.assert_array_equal(told_rows(Tracked("k", "1", 1.0, 0.2, True), values, sds), [False, True, True])
-    np.testing.assert_array_equal(told_rows(Tracked("k", "1", 1.0, 0.2, False), values, sds), [False, True, False])
+    np.testing.assert_array_equal(
+        identifiable_rows(Tracked("k", "1", 1.0, 0.2, True), values, sds), [False, True, True]
+    )
+    np.testing.assert_array_equal(
+        identifiable_rows(Tracked("k", "1", 1.0, 0.2, False), values, sds), [False, True, False]
+    )
 
 
 def test_where_a_stiffness_is_open_is_said_by_the_slip_angle():
     told, slip = np.arange(100) >= 40, np.linspace(0.0, 0.1, 100)
-    said = untold("C_alpha_f", told, slip, "F_yf")
+    said = unidentifiable("C_alpha_f", told, slip, "F_yf")
     assert said.startswith("C_alpha_f: not identifiable in 40 % of the rows, mostly where the slip angle")
     assert "below 2.0°" in said
     assert said.endswith("Even in these rows, the lateral force F_yf is identifiable.")
-    assert untold("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""
+    assert unidentifiable("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""
 
 
 def test_what_is_calibrated_on_motion_is_said_to_be_over_mass():

@@ -11,7 +11,7 @@ from motion import SHAPE, car, recorded
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting import attempt
 from greybox_id.fitting.attempt import (
-    _walled,
+    _bounded_at_jumps,
     errors_at,
     off_bounds,
     predicted_share,
@@ -56,11 +56,11 @@ def test_an_objective_that_jumps_is_bounded_there_and_nowhere_else(away, side):
         bounds=(np.full(2, -5.0), np.full(2, 5.0)), free=np.ones(2, dtype=bool), objective=objective,
         simulated_nodes=lambda x: None, normal_equations=equations,
     )  # fmt: skip
-    assert _walled(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
+    assert _bounded_at_jumps(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
     expected = [[-5.0, -5.0], [5.0, 5.0]]
     expected[side][0] = away
     assert np.array(problem.bounds).tolist() == expected
-    assert not _walled(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
+    assert not _bounded_at_jumps(problem, SimpleNamespace(x=x, nodes=None, objective=objective(x, None)))
 
 
 def test_short_horizons_over_some_rows_lead_to_the_same_optimum(monkeypatch):

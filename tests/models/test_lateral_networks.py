@@ -9,7 +9,7 @@ from driven import driven
 
 from greybox_id.api.linear import linearised
 from greybox_id.base.errors import BadInput
-from greybox_id.engine.hybrid.cell import Cell, free_run, said
+from greybox_id.engine.hybrid.cell import Cell, free_run, network_outputs
 from greybox_id.engine.hybrid.motion import as_motion
 from greybox_id.engine.hybrid.problem import drawn
 from greybox_id.fitting.scores.metrics import simulate
@@ -82,7 +82,7 @@ def test_unscaled_networks_say_increments(lap):
     model = model.with_values(drawn(model, 2))
     weights = {name: cs.DM(model[name].array) for name in model.network.shapes}
     first = {name: lap[name][0] for name in ("v_y", "yaw_rate", "v_x", "steer")}
-    step = np.array(said(model.network, cs.DM(list(first.values())), weights)).ravel()
+    step = np.array(network_outputs(model.network, cs.DM(list(first.values())), weights)).ravel()
     found = free_run(model, lap)
     assert found["v_y"][1] == pytest.approx(first["v_y"] + step[0])
     assert found["yaw_rate"][1] == pytest.approx(first["yaw_rate"] + step[1])

@@ -34,6 +34,7 @@ VANISHES, FLIPS = 0.3, 3
 BOTH_WAYS, LIKE = 0.05, 0.5
 """Smallest share of rows on each side, and correlation of magnitudes, for another channel to show a missing sign."""
 
+
 def with_sign_columns(
     entries: Sequence[MapEntry], result: Contents, numbers: Mapping[str, Array], labels: set[str]
 ) -> list[MapEntry]:

@@ -159,7 +159,7 @@ def _answer(
     network: RecurrentNetwork | FeedForwardNetwork, p: Mapping[str, Symbol], features: Symbol, before: Symbol
 ) -> tuple[Symbol, Symbol]:
     if isinstance(network, FeedForwardNetwork):
-        return said(network, features, p), before
+        return network_outputs(network, features, p), before
     layers: list[Symbol] = []
     start, layer, columns = 0, features, features.shape[1]
     for number, units in enumerate(network.hidden, 1):
@@ -172,7 +172,7 @@ def _answer(
     return (z + p["W_skip"] @ features if network.skip else z), cs.vertcat(*layers)
 
 
-def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
+def network_outputs(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol]) -> Symbol:
     """Outputs of a network without memory for features (features, columns)."""
 
     def through(layer: Symbol) -> Symbol:

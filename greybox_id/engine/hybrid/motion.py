@@ -12,7 +12,7 @@ from ...models.hybrid_model import FeedForwardNetwork, HybridModel
 from ...models.model import Namespace, Symbol
 from ...models.motion_model import MotionModel, Quantities, State
 from ..simulation import equations_of_motion
-from .cell import said
+from .cell import network_outputs
 
 
 @equations_of_motion.register(HybridModel)
@@ -41,7 +41,7 @@ def as_motion(model: HybridModel, text: str = "") -> MotionModel:
         inputs = SimpleNamespace(**{name: getattr(u, name) for name in model.inputs})
         for name, least in model.least.items():  # below this the equations are not valid, but must stay finite
             setattr(inputs, name, cs.fmax(getattr(inputs, name), least))
-        z = said(network, cs.vertcat(*model.features(x, inputs, p)), weights)
+        z = network_outputs(network, cs.vertcat(*model.features(x, inputs, p)), weights)
         rates, quantities = model.physics(x, inputs, p, [z[k] for k in range(network.outputs)])
         for name in others:
             setattr(q, name, quantities[name])

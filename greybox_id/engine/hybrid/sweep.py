@@ -45,7 +45,7 @@ class NetworkLayers:
         self._signs = np.array([-1.0 if item else 1.0 for item in mirrored])
         self._tanh = isinstance(network, FeedForwardNetwork) and network.activation == "tanh"
         remembered = sum(network.hidden) if self._recurrent else 0
-        self.asked, self.answered = network.features + remembered, network.outputs + remembered
+        self.question_size, self.answer_size = network.features + remembered, network.outputs + remembered
 
     def forward(self, question: Array, p: Weights) -> tuple[Array, list[Array]]:
         """The answer, and the outputs of all layers, features first, for `backward`."""
@@ -123,8 +123,8 @@ class Tape:
     inputs: Array
     p: Array
     carried: list[Array]
-    asked: list[list[Array]]
-    said: list[list[Array]]
+    questions: list[list[Array]]
+    answers: list[list[Array]]
     layers: list[list[list[Array]]]
 
 
@@ -161,14 +161,14 @@ class Sweep:
 
         def network(features: Symbol, before: Symbol) -> tuple[Symbol, Symbol]:
             requested.append(cs.vertcat(features, before))
-            symbols.append(cs.MX.sym("said", self._layers.answered, columns))
+            symbols.append(cs.MX.sym("said", self._layers.answer_size, columns))
             return symbols[-1][: model.network.outputs, :], symbols[-1][model.network.outputs :, :]
 
         moved, entry = traced(carried, u, parameters(model, p), network)
         known = [carried, u, physical]
-        self._asks = [_Called([*known, *symbols[:k]], item) for k, item in enumerate(requested)]
-        self._move = _Called([*known, *symbols], moved)
-        self._tell = _Called([*known, *symbols], entry)
+        self._questions = [_Expression([*known, *symbols[:k]], item) for k, item in enumerate(requested)]
+        self._next = _Expression([*known, *symbols], moved)
+        self._results = _Expression([*known, *symbols], entry)
         self._needed = any(cs.depends_on(entry, item) for item in symbols)
         """Whether a row's results depend on the network's answers of that row."""
 
@@ -182,21 +182,21 @@ class Sweep:
             stated: list[Array] = []
             layers: list[list[Array]] = []
             last = row == len(inputs) - 1
-            for ask in self._asks:
+            for ask in self._questions:
                 if last and not self._needed:
-                    stated.append(np.zeros((len(now), self._layers.answered)))
+                    stated.append(np.zeros((len(now), self._layers.answer_size)))
                     continue
                 requested.append(ask(now, u, physical, *stated))
                 answer, kept = self._layers.forward(requested[-1], weights)
                 stated.append(answer)
                 layers.append(kept)
-            known.append(self._tell(now, u, physical, *stated))
+            known.append(self._results(now, u, physical, *stated))
             tape.carried.append(now)
-            tape.asked.append(requested)
-            tape.said.append(stated)
+            tape.questions.append(requested)
+            tape.answers.append(stated)
             tape.layers.append(layers)
             if not last:
-                now = self._move(now, u, physical, *stated)
+                now = self._next(now, u, physical, *stated)
         return np.array(known), tape
 
     def backward(self, slope: Array, tape: Tape) -> Array:
@@ -207,16 +207,16 @@ class Sweep:
         by_carried = np.zeros_like(tape.carried[0])
         last = len(tape.inputs) - 1
         for row in range(last, -1, -1):
-            known, stated = (tape.carried[row], tape.inputs[row], physical), tape.said[row]
-            slopes = [self._tell.back(slope[row], *known, *stated)]
+            known, stated = (tape.carried[row], tape.inputs[row], physical), tape.answers[row]
+            slopes = [self._results.back(slope[row], *known, *stated)]
             if row < last:
-                slopes.append(self._move.back(by_carried, *known, *stated))
+                slopes.append(self._next.back(by_carried, *known, *stated))
             by_carried, of_p, by_said = _summed(slopes)
             of_physical += of_p
             for k in range(len(tape.layers[row]) - 1, -1, -1):
-                requested = tape.asked[row][k]
+                requested = tape.questions[row][k]
                 by_asked = self._layers.backward(by_said[k], requested, tape.layers[row][k], weights, by_weights)
-                more, of_p, by_earlier = _summed([self._asks[k].back(by_asked, *known, *stated[:k])])
+                more, of_p, by_earlier = _summed([self._questions[k].back(by_asked, *known, *stated[:k])])
                 by_carried += more
                 of_physical += of_p
                 for item, further in zip(by_said, by_earlier, strict=False):
@@ -228,7 +228,7 @@ class Sweep:
         return {name: p[place].reshape(shape) for name, (place, shape) in self._places.items()}
 
 
-class _Called:
+class _Expression:
     """An expression of (carried, inputs, physical parameters, answers ...), and its derivatives by all but inputs."""
 
     def __init__(self, known: list[Symbol], value: Symbol) -> None:

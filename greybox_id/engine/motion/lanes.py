@@ -318,7 +318,7 @@ class Chain:
     by: Array
     ends: Array
 
-    def foretold(self, x: Array, z0: Array, lanes: Lanes) -> Array:
+    def first_order(self, x: Array, z0: Array, lanes: Lanes) -> Array:
         """Initial states of the lanes, (L, nz), to first order in the unknowns; intervals start at z0."""
         moved = (x - self.x)[self.index]
         starts: Array = self.starts + np.einsum("lzq,lq->lz", self.by, moved[lanes.interval])

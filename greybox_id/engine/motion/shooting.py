@@ -22,8 +22,8 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
-from ..against import HOURS, Against
 from ..kernel import SHARED_FROM, WIDEST
+from ..lane_targets import HOURS, LaneTargets
 from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, matched, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
@@ -56,13 +56,13 @@ class SimulatedRuns:
     lanes: Lanes
     cut: Lanes
     starts: Array
-    along: Lanes
+    used: Lanes
     read: Array
 
     @cached_property
     def y(self) -> Array:
         """(N, outputs) predicted readings of all rows of all intervals; NaN where none was taken."""
-        return self.along.gathered(self.read)
+        return self.used.gathered(self.read)
 
     @property
     def taken(self) -> Mask:
@@ -124,7 +124,7 @@ class MotionProblem:
         self.unknowns_laid: Unknowns = unknowns
         self.parameters, self.loose, self.layout = unknowns.parameters, unknowns.loose, unknowns.layout
         self.bounds, self.free, self.R, self.r = unknowns.bounds, unknowns.free, unknowns.R, unknowns.r
-        self.believed = (self.R.T @ self.R).toarray()
+        self.prior_curvature = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         self._valid: list[Mask] = like._valid if like is not None and same else self._where_valid()
         self.targets: Targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
@@ -140,7 +140,7 @@ class MotionProblem:
         self._lanes: list[Lanes] = [*like._lanes] if like and alike and same else []
         self._chain: Chain | None = like._chain if self._lanes and like and len(like.free) == len(self.free) else None
         self._tiled: tuple[Lanes, Array] | None = None
-        self._laid: list[tuple[Lanes, Targets, Against]] = []
+        self._laid: list[tuple[Lanes, Targets, LaneTargets]] = []
 
     def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
         """The same problem with other weights of rows or readings; all layouts are shared."""
@@ -215,7 +215,7 @@ class MotionProblem:
         with np.errstate(all="ignore"):
             if cut is not lanes:
                 chain = self._chain if self._chain and len(self._chain.starts) == len(cut.interval) else None
-                begin, ends = (z0[cut.interval], None) if chain is None else (chain.foretold(x, z0, cut), chain.ends)
+                begin, ends = (z0[cut.interval], None) if chain is None else (chain.first_order(x, z0, cut), chain.ends)
                 run = partial(kernel.simulate, s=cut.segments, p=p[cut.interval], reads=cut.reads, keeps=cut.marks)
                 result = matched(begin, ends, cut, lambda z, known: run(z, known=known))
                 if result is not None:
@@ -271,7 +271,7 @@ class MotionProblem:
     def misfit(self, x: Array, nodes: SimulatedRuns) -> float:
         """Half the sum of squared residuals of the data alone."""
         del x
-        return self.against(nodes.along).misfit(nodes.read)
+        return self.against(nodes.used).misfit(nodes.read)
 
     def errors(self, nodes: SimulatedRuns) -> Array:
         """(N, outputs) prediction minus reading, in the outputs' units; NaN where missing."""
@@ -279,7 +279,7 @@ class MotionProblem:
 
     def normal_equations(self, x: Array, nodes: SimulatedRuns) -> NormalEquations:
         """Linearise all residuals at a simulated point."""
-        H, g = self.believed.copy(), self.pull_of_priors(x)
+        H, g = self.prior_curvature.copy(), self.prior_gradient(x)
         cut, index = nodes.cut, self._moving_index[nodes.cut.interval]
         with np.errstate(over="ignore", invalid="ignore"):  # far off, derivatives overflow first
             T, inner, pull = self._accumulated(x, nodes)
@@ -287,16 +287,16 @@ class MotionProblem:
                 inner, pull = T.swapaxes(1, 2) @ inner @ T, (pull[:, None] @ T)[:, 0]
         _add(H, g, index, inner, pull)
 
-        def pulled(x_there: Array, there: SimulatedRuns) -> Array:
-            e, _ = self.against(there.along).weighted(there.read)
-            e = e if there.along is cut else there.along.gathered(e, 0.0)  # in two steps: each array may be large
-            e = e if there.along is cut else cut.scattered(e)
+        def frozen_gradient(x_there: Array, there: SimulatedRuns) -> Array:
+            e, _ = self.against(there.used).weighted(there.read)
+            e = e if there.used is cut else there.used.gathered(e, 0.0)  # in two steps: each array may be large
+            e = e if there.used is cut else cut.scattered(e)
             _, _, pull = self._accumulated(x, nodes, e)
-            result = self.pull_of_priors(x_there)
+            result = self.prior_gradient(x_there)
             _add(None, result, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
             return result
 
-        return NormalEquations(H, g, pulled)
+        return NormalEquations(H, g, frozen_gradient)
 
     def residuals(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[Array, Array]]:
         """Per interval, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
@@ -304,9 +304,9 @@ class MotionProblem:
         p are the interval's unknowns in the layout's order; for fixed ones the derivative is zero. Missing readings
         have zero residuals. Rows are those for which the interval predicts a reading: late ones reach into the next.
         """
-        cut, against = nodes.cut, self.against(nodes.along)
+        cut, against = nodes.cut, self.against(nodes.used)
         J = cut.gathered(np.concatenate([item for _, item in self._linearised(x, nodes)]), 0.0)
-        e = nodes.along.gathered(against.weighted(nodes.read)[0], 0.0)
+        e = nodes.used.gathered(against.weighted(nodes.read)[0], 0.0)
         owner = cut.owner.reshape(e.shape)
         for k, rows in enumerate(self.rows_of_intervals(nodes)):
             value = (owner[rows] == k)[:, :, None]
@@ -331,8 +331,8 @@ class MotionProblem:
         if len(cut.interval) <= LANES or cut is nodes.lanes:
             yield from ((k, 0, e, J) for k, (e, J) in enumerate(self.residuals(x, nodes)))
             return
-        e, _ = self.against(nodes.along).weighted(nodes.read)
-        e, place = nodes.along.gathered(e, 0.0), cut.flat.reshape(cut.lane.shape)
+        e, _ = self.against(nodes.used).weighted(nodes.read)
+        e, place = nodes.used.gathered(e, 0.0), cut.flat.reshape(cut.lane.shape)
         begins = np.full(len(self.intervals), -1)
         for item, J in self._linearised(x, nodes):
             flat, before = J.reshape(-1, J.shape[-1]), item.start * J.shape[1] * J.shape[2]
@@ -352,7 +352,7 @@ class MotionProblem:
         """Residuals of the priors, in standard deviations."""
         return np.asarray(self.R @ x - self.r) if len(self.r) else np.zeros(0)
 
-    def pull_of_priors(self, x: Array) -> Array:
+    def prior_gradient(self, x: Array) -> Array:
         """Gradient of the priors' part of the objective."""
         return np.asarray(self.R.T @ self.prior_residuals(x)) if len(self.r) else np.zeros(len(x))
 
@@ -426,14 +426,14 @@ class MotionProblem:
         """(q,) indices of the free parameters and free starts among an interval's unknowns."""
         return np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
 
-    def against(self, lanes: Lanes) -> Against:
+    def against(self, lanes: Lanes) -> LaneTargets:
         """Targets arranged by lanes; the last two are cached, for hours of data one."""
         for known, of, against in self._laid:
             if known is lanes and of is self.targets:
                 return against
         self._laid = self._laid[-1:] if self.targets.reading.size <= HOURS else []
         weight, target = lanes.scattered(self.targets.weight), lanes.scattered(self.targets.reading)
-        against = Against(target, weight, self.targets.robust)
+        against = LaneTargets(target, weight, self.targets.robust)
         self._laid = [*self._laid, (lanes, self.targets, against)]
         return against
 
@@ -470,7 +470,7 @@ class MotionProblem:
         """Slices of lanes, and the derivative of their weighted residuals by the unknowns in `_moving_index`."""
         cut, p, size, count = nodes.cut, self.of_intervals(x)[nodes.cut.interval], self.trace.size, len(self.moving)
         _, starts_by_p = self.starts(x)
-        weight = self.against(cut).weighted(nodes.read if nodes.along is cut else cut.scattered(nodes.y))[1]
+        weight = self.against(cut).weighted(nodes.read if nodes.used is cut else cut.scattered(nodes.y))[1]
         before: tuple[Array, Array] | None = None
         for first in range(0, len(p), max(LANES, 1)):
             value = slice(first, min(first + LANES, len(p)))

@@ -14,7 +14,7 @@ import scipy.sparse as sp
 
 from ...base.shorthands import Array, Index, Mask
 from ...models.motion_model import MotionModel
-from ..least_squares import Layout, beliefs, lay_out, limits
+from ..least_squares import Layout, lay_out, limits, prior_system
 from .schedule import MotionRun
 
 
@@ -72,7 +72,7 @@ def lay_out_unknowns(
     layout = Layout(tuple(index), size + more)
     (low, high), free = limits(model, parameters)
     bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
-    R, r = beliefs(model, replace(parameters, size=layout.size), len(runs), strengths)
+    R, r = prior_system(model, replace(parameters, size=layout.size), len(runs), strengths)
     guessed = [  # deviations of states without a reading get a prior
         (place[j], 1.0 / model.states[state].scale)
         for j, state in enumerate(loose)

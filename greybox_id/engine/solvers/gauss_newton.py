@@ -25,7 +25,7 @@ from scipy.linalg import lapack
 
 from ...base.shorthands import Array, Mask
 from ..least_squares import LeastSquares, Matched, NormalEquations
-from .secant import LeftOut
+from .secant import MissingCurvature
 
 LEAST_RIDGE = 1e-12
 """Share of an unknown's curvature that is always added to it, so that rounding cannot leave H singular."""
@@ -106,7 +106,7 @@ PROBE, MOST_BEND = 0.1, 0.5
 """Share of a step at which its curvature is probed; largest norm of a correction, as a share of the step's."""
 ROUNDING = 1e-14
 """Relative distance at which a step to a bound has reached it."""
-FORETOLD = 0.01
+EXTRAPOLATED = 0.01
 """Share of the tolerance that a predicted decrease must reach if convergence is extrapolated and not evaluated: in 27
 solves whose next decrease had been extrapolated, the actual one was up to 12 times as large."""
 SAME_STEP = 0.99
@@ -205,7 +205,7 @@ def gauss_newton(
                 status = Status.STALLED if steps else Status.NOT_FINITE
                 break
             if search == "levenberg_marquardt":
-                memory.left_out.learn(point.x, equations)
+                memory.missing_curvature.learn(point.x, equations)
             tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
             decrement = _least_decrease(problem, point.x, equations, tried) / size
             if decrement <= tolerance:
@@ -228,8 +228,8 @@ def gauss_newton(
             if on_step is not None and not on_step(steps, point.objective, point.x):
                 status = Status.STOPPED
                 break
-            if memory.foretells(FORETOLD * tolerance * point.objective):
-                status, decrement = Status.CONVERGED, FORETOLD * tolerance
+            if memory.extrapolates_below(EXTRAPOLATED * tolerance * point.objective):
+                status, decrement = Status.CONVERGED, EXTRAPOLATED * tolerance
                 break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
@@ -255,11 +255,11 @@ class _Search:
         self.kind = kind
         self.share = 1.0
         self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
-        self.left_out = LeftOut()
+        self.missing_curvature = MissingCurvature()
         self._kept, self._left = 0.0, np.inf
-        self._held_back: Callable[[], float] = float
+        self._undamped_gain: Callable[[], float] = float
 
-    def learn(self, predicted: float, fallen: float, held_back: Callable[[], float]) -> None:
+    def learn(self, predicted: float, actual: float, undamped_gain: Callable[[], float]) -> None:
         """Learn from an accepted step, and extrapolate the next predicted decrease.
 
         Near an optimum, predicted decreases shrink by a constant factor, if the last step's prediction came true.
@@ -270,12 +270,12 @@ class _Search:
         held_back : returns the further decrease predicted for the same step without damping.
         """
         self._left = predicted**2 / self._kept if predicted < self._kept else np.inf
-        self._kept = predicted if abs(fallen - predicted) < 0.25 * predicted else 0.0
-        self._held_back = held_back
+        self._kept = predicted if abs(actual - predicted) < 0.25 * predicted else 0.0
+        self._undamped_gain = undamped_gain
 
-    def foretells(self, least: float) -> bool:
+    def extrapolates_below(self, least: float) -> bool:
         """Whether the next predicted decrease, even without damping, extrapolates to at most `least`."""
-        return self._left <= least and self._left + self._held_back() <= least
+        return self._left <= least and self._left + self._undamped_gain() <= least
 
     def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
         """The first trial step of a line search; None for Levenberg-Marquardt."""
@@ -317,12 +317,12 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
     Positive unknowns step in their logarithms: valleys of constant products, such as B C D, all that a recording
     identifies of a tyre at small slip, are then straight.
     """
-    by, left_out = np.where(_positive(problem, point.x), point.x, 1.0), memory.left_out
+    by, missing_curvature = np.where(_positive(problem, point.x), point.x, 1.0), memory.missing_curvature
     curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
-    whole = left_out.added(curved, by, problem.free)
+    whole = missing_curvature.added(curved, by, problem.free)
     refused = np.inf
     while memory.damping < MOST_DAMPING:
-        second = left_out.trusted and whole is not None
+        second = missing_curvature.trusted and whole is not None
         model = whole if second and whole is not None else curved
         step = _step(problem, point.x, model, memory.damping, logarithmic=True)
         predicted = max(_decrease(model, step), 1e-300)
@@ -334,20 +334,20 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
             if second
             else _tried(problem, point, step, predicted, curved, equations, memory.damping)
         )
-        fallen = point.objective - trial.objective
-        if fallen > 1e-3 * predicted:
-            if fallen > 0.75 * predicted:
+        actual = point.objective - trial.objective
+        if actual > 1e-3 * predicted:
+            if actual > 0.75 * predicted:
                 memory.damping *= 0.1
-            elif fallen < 0.25 * predicted:
+            elif actual < 0.25 * predicted:
                 memory.damping *= 4.0
-            memory.learn(predicted, fallen, partial(_held_back, problem, point.x, model, predicted))
+            memory.learn(predicted, actual, partial(_undamped_gain, problem, point.x, model, predicted))
             if whole is not None:
                 taken = _taken(problem, point.x, trial.x)
-                left_out.compare(fallen, _decrease(whole, taken), _decrease(curved, taken))
+                missing_curvature.compare(actual, _decrease(whole, taken), _decrease(curved, taken))
             return trial
         del trial  # the simulation of hours of data is large
         if second:  # try once more without the missing curvature
-            left_out.trusted = False
+            missing_curvature.trusted = False
         else:
             memory.damping, refused = 10.0 * memory.damping, predicted
     return None
@@ -407,12 +407,12 @@ def _bend(
     The residuals' curvature along the step comes from one simulation after a share PROBE of the step. Source: Transtrum
     & Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885 (2012).
     """
-    if equations.pulled is None:
+    if equations.frozen_gradient is None:
         return np.zeros_like(step)
     ahead = _moved(problem, point.x, PROBE * step)
     by = np.where(_positive(problem, point.x), point.x, 1.0)
     with np.errstate(all="ignore"):
-        pull = by * equations.pulled(ahead, problem.simulated_nodes(ahead))
+        pull = by * equations.frozen_gradient(ahead, problem.simulated_nodes(ahead))
         curvature = 2 / PROBE * ((pull - curved.g) / PROBE - curved.H @ step)
     moving = problem.free & (step != 0)
     if not np.all(np.isfinite(curvature[moving])) or not np.any(moving):
@@ -454,7 +454,7 @@ def _decrease(equations: NormalEquations, step: Array) -> float:
     return float(-(equations.g @ step + 0.5 * step @ equations.H @ step))
 
 
-def _held_back(problem: LeastSquares, x: Array, model: NormalEquations, predicted: float) -> float:
+def _undamped_gain(problem: LeastSquares, x: Array, model: NormalEquations, predicted: float) -> float:
     """Further decrease predicted for a step in logarithms without damping."""
     return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - predicted
 

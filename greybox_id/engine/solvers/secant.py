@@ -19,7 +19,7 @@ LEAST_PIVOT = 1e-12
 """Pivot, as a share of an unknown's curvature, below which a matrix counts as not positive definite."""
 
 
-class LeftOut:
+class MissingCurvature:
     """Curvature of the objective beyond J'J.
 
     Attributes
@@ -63,9 +63,9 @@ class LeftOut:
         self.trusted = self.trusted and _positive_definite(whole.H[np.ix_(free, free)])
         return whole
 
-    def compare(self, fallen: float, foretold: float, without: float) -> None:
-        """Trust S if the decrease predicted with it is closer to the actual one, `fallen`, than `without` it."""
-        self.trusted = abs(foretold - fallen) < abs(without - fallen)
+    def compare(self, actual: float, predicted: float, without: float) -> None:
+        """Trust S if the decrease predicted with it is closer to the actual one, `actual`, than `without` it."""
+        self.trusted = abs(predicted - actual) < abs(without - actual)
 
 
 def _positive_definite(H: Array) -> bool:

@@ -49,9 +49,13 @@ def part_with_few(part: MemoryModel) -> MemoryModel:
         effect = EFFECTS[name]
         if output in part.outputs and name not in part and effect.concerns(part):
             part = part + effect
-            held = part[name]
+            effect_parameter = part[name]
             part = part.with_parameters(
-                replace(held, value=float(held.null or 0.0), prior=Prior(sd, mean=float(held.null or 0.0)))
+                replace(
+                    effect_parameter,
+                    value=float(effect_parameter.null or 0.0),
+                    prior=Prior(sd, mean=float(effect_parameter.null or 0.0)),
+                )
             )
     return part
 
@@ -123,8 +127,8 @@ def learnt(
         spread = np.concatenate(
             [np.broadcast_to(sd.get(parameter.name, np.inf), parameter.shape).ravel() for parameter in part.parameters]
         ).astype(float)
-        known = np.isfinite(spread) & (spread > 0) & ~few
-        return np.diag(np.where(known, 1.0 / np.where(known, spread, 1.0) ** 2, 0.0))
+        usable = np.isfinite(spread) & (spread > 0) & ~few
+        return np.diag(np.where(usable, 1.0 / np.where(usable, spread, 1.0) ** 2, 0.0))
     problem = Problem(Trace(part), trained, noise=np.array([noise[name] for name in part.outputs]))
     J = np.concatenate([item for _, item in problem.residuals(problem.start, [])]).reshape(-1, len(few))
     J[:, few] = 0.0
@@ -216,18 +220,18 @@ class LinearisedPart:
     def __init__(self, part: MemoryModel, recording: Recording, noise: Mapping[str, float], learnt: Array) -> None:
         self.part, self.recording, self.learnt = part, recording, learnt
         self.problem = Problem(Trace(part), [recording], noise=np.array([noise[name] for name in part.outputs]))
-        result = list(self.problem.residuals(self.problem.start, []))
-        self.r = np.concatenate([item for item, _ in result])
-        self.J = np.concatenate([item for _, item in result])
+        linearised = list(self.problem.residuals(self.problem.start, []))
+        self.r = np.concatenate([item for item, _ in linearised])
+        self.J = np.concatenate([item for _, item in linearised])
         first = [run.rows.start + run.first for run in self.problem.runs]
         self.rows = np.concatenate(
-            [start + np.arange(len(item)) for start, (item, _) in zip(first, result, strict=True)]
+            [start + np.arange(len(item)) for start, (item, _) in zip(first, linearised, strict=True)]
         )
         starts = [start for start, _ in recording.runs]
         self.run = np.searchsorted(starts, self.rows, side="right") - 1
-        per = 1.0 / part.sample_time
-        self.fold, self.piece = (self._cut(starts, round(seconds * per)) for seconds in (FOLD, SHORT))
-        self.gap = round(GAP * per)
+        rows_per_second = 1.0 / part.sample_time
+        self.fold, self.piece = (self._cut(starts, round(seconds * rows_per_second)) for seconds in (FOLD, SHORT))
+        self.gap = round(GAP * rows_per_second)
 
     def _cut(self, starts: Sequence[int], length: int) -> Index:
         """Number of the stretch of `length` rows that each row lies in, counted within runs."""
@@ -246,17 +250,20 @@ class LinearisedPart:
             return [] if free else [AdaptedCandidate("", np.inf, timing, self._pieces(self.r))]
         J = self.J[:, :, moving]
         R = prior_rows(self.part.parameters)[0].toarray()[:, moving]
-        believed, learnt = R.T @ R, self.learnt[np.ix_(moving, moving)]
+        prior_precision, precision = R.T @ R, self.learnt[np.ix_(moving, moving)]
         predicted = {strength: self.r.copy() for strength in STRENGTHS}
         for fold in range(int(self.fold.max()) + 1):
-            held = self.fold == fold
-            low, high = self.rows[held].min(), self.rows[held].max()
-            near = (self.rows >= low - self.gap) & (self.rows <= high + self.gap) & (self.run == self.run[held][0])
+            held_out = self.fold == fold
+            low, high = self.rows[held_out].min(), self.rows[held_out].max()
+            near = (self.rows >= low - self.gap) & (self.rows <= high + self.gap) & (self.run == self.run[held_out][0])
             A, b = J[~near].reshape(-1, J.shape[2]), self.r[~near].ravel()
             H, g = A.T @ A, A.T @ b
-            for strength, item in predicted.items():
-                item[held] += J[held] @ -_solved(H + believed + strength**2 * learnt, g)
-        return [AdaptedCandidate(free, strength, timing, self._pieces(item)) for strength, item in predicted.items()]
+            for strength, residuals in predicted.items():
+                residuals[held_out] += J[held_out] @ -_solved(H + prior_precision + strength**2 * precision, g)
+        return [
+            AdaptedCandidate(free, strength, timing, self._pieces(residuals))
+            for strength, residuals in predicted.items()
+        ]
 
     def _pieces(self, residuals: Array) -> Array:
         square = np.mean(residuals**2, axis=1)
@@ -293,18 +300,19 @@ def between_runs(part: MemoryModel, trained: Sequence[Recording] | None) -> floa
     """Standard deviation of the logarithm of an error between runs, from the training runs and `BETWEEN_RUNS`."""
     logs = []
     for recording in trained or ():
-        seen = predictions(part, recording)
-        driven = moving(recording)[seen.rows] > 0
-        for run in np.unique(seen.run):
-            value = driven & (seen.run == run)
-            if np.count_nonzero(value) * recording.sample_time >= FOLD:
+        prediction = predictions(part, recording)
+        driven = moving(recording)[prediction.rows] > 0
+        for run in np.unique(prediction.run):
+            rows = driven & (prediction.run == run)
+            if np.count_nonzero(rows) * recording.sample_time >= FOLD:
                 logs.append(
-                    0.5 * np.log(max(float(np.mean((seen.predicted[value] - seen.measured[value]) ** 2)), 1e-300))
+                    0.5
+                    * np.log(max(float(np.mean((prediction.predicted[rows] - prediction.measured[rows]) ** 2)), 1e-300))
                 )
     if len(logs) < 2:
         return BETWEEN_RUNS
-    squares = TOLD_BY * BETWEEN_RUNS**2 + float(np.sum((np.array(logs) - np.mean(logs)) ** 2))
-    return float(np.sqrt(squares / (TOLD_BY + len(logs) - 1)))
+    sum_of_squares = TOLD_BY * BETWEEN_RUNS**2 + float(np.sum((np.array(logs) - np.mean(logs)) ** 2))
+    return float(np.sqrt(sum_of_squares / (TOLD_BY + len(logs) - 1)))
 
 
 def foretold(pieces: Array, seconds: float, unit: float = 1.0, between: float = BETWEEN_RUNS) -> tuple[float, float]:
@@ -317,10 +325,10 @@ def foretold(pieces: Array, seconds: float, unit: float = 1.0, between: float = 
     count = len(pieces) // length
     if count < 2:
         return 0.0, np.inf
-    longer = pieces[: count * length].reshape(count, length).mean(axis=1)
-    spread = float(np.std(np.log(np.maximum(longer, 1e-300)), ddof=1))
+    means = pieces[: count * length].reshape(count, length).mean(axis=1)
+    spread = float(np.std(np.log(np.maximum(means, 1e-300)), ddof=1))
     ahead = max(seconds / (length * SHORT), 1.0)
     reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
     reach *= np.sqrt(spread**2 * (1 / count + 1 / ahead) + 2 * (2 * between) ** 2)
-    middle = float(np.mean(longer))
+    middle = float(np.mean(means))
     return unit * float(np.sqrt(middle * np.exp(-reach))), unit * float(np.sqrt(middle * np.exp(reach)))

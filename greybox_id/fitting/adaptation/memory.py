@@ -94,42 +94,42 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     noise = residual_noise(fit, new)
     ways: dict[str, dict[str, _Way]] = {"chosen": {}, "zero_shot": {}, "adapted": {}}
     tried: dict[str, list[tuple[str, float]]] = {}
-    entry: dict[str, list[RunDelay]] = {}
+    new_delays: dict[str, list[RunDelay]] = {}
     scatter: dict[str, float] = {}
     for part in parts:
         name = part.outputs[0]
         say(f"{name}: comparing sets of free parameters on {seconds:g} s")
-        known, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
-        entry[name] = run_delays(part, new, noise)
-        straight = aligned(new, part.inputs, {item.run: item.delay for item in entry[name]})
-        as_it_is, moved = (LinearisedPart(part, item, noise, known) for item in (new, straight))
-        several = _candidates(as_it_is, moved, free)
-        zero = several[0]
-        best = chosen(several)
-        other = chosen([item for item in several if item is not zero]) if len(several) > 1 else zero
-        made = {id(item): _way(item, moved if item.timing else as_it_is, fit) for item in (zero, best, other)}
-        ways["chosen"][name], ways["zero_shot"][name] = made[id(best)], made[id(zero)]
-        ways["adapted"][name] = made[id(other)] if best is zero else made[id(best)]
-        tried[name] = [(item.words, item.error) for item in several]
+        precision, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
+        new_delays[name] = run_delays(part, new, noise)
+        aligned_new = aligned(new, part.inputs, {item.run: item.delay for item in new_delays[name]})
+        as_it_is, moved = (LinearisedPart(part, item, noise, precision) for item in (new, aligned_new))
+        candidates = _candidates(as_it_is, moved, free)
+        unchanged = candidates[0]
+        best = chosen(candidates)
+        other = chosen([item for item in candidates if item is not unchanged]) if len(candidates) > 1 else unchanged
+        made = {id(item): _way(item, moved if item.timing else as_it_is, fit) for item in (unchanged, best, other)}
+        ways["chosen"][name], ways["zero_shot"][name] = made[id(best)], made[id(unchanged)]
+        ways["adapted"][name] = made[id(other)] if best is unchanged else made[id(best)]
+        tried[name] = [(item.words, item.error) for item in candidates]
     models = {role: _whole(model, list(way.values())) for role, way in ways.items()}
     going_on = validate is None and _continues(recording, len(new))
     outcomes: dict[str, Outcome] = {}
     calibrated: dict[str, list[RunDelay]] = {}
-    known_delays: dict[int, list[RunDelay]] = {}
+    delays_of_way: dict[int, list[RunDelay]] = {}
     for role, item in ways.items():
         scored: dict[str, Error] = {}
         for part in parts:
             if rest is None:
                 break
             way, name = item[part.outputs[0]], part.outputs[0]
-            model_of = _part_of(models[role], part)
-            if id(way) not in known_delays:
-                last = entry[name][-1] if going_on else None
-                known_delays[id(way)] = _rest_delays(model_of, rest, noise, calibrate, last, way.candidate.timing)
-            known_delay = known_delays[id(way)]
-            scored |= errors_after(model_of, rest, known_delay)
+            adapted_part = _part_of(models[role], part)
+            if id(way) not in delays_of_way:
+                last = new_delays[name][-1] if going_on else None
+                delays_of_way[id(way)] = _rest_delays(adapted_part, rest, noise, calibrate, last, way.candidate.timing)
+            delays = delays_of_way[id(way)]
+            scored |= errors_after(adapted_part, rest, delays)
             if role == "chosen":
-                calibrated[part.outputs[0]] = known_delay
+                calibrated[part.outputs[0]] = delays
         length = 0.0 if rest is None else rest.duration
         expected = {
             output: foretold(item[part.outputs[0]].candidate.pieces, length, noise[output], scatter[part.outputs[0]])
@@ -144,7 +144,7 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     }
     for way in ways["chosen"].values():
         sd |= way.sd
-    in_sample = _in_sample(final, parts, new, entry, ways["chosen"])
+    in_sample = _in_sample(final, parts, new, new_delays, ways["chosen"])
     stages = tuple(way.stage for way in ways["chosen"].values() if way.stage is not None)
     result = replace(
         fit, model=final, sd={item.name: np.broadcast_to(sd[item.name], item.shape) for item in final.parameters},
@@ -156,7 +156,7 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     return Adaptation(
         fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
         choices={name: way.candidate.words for name, way in ways["chosen"].items()}, tried=tried,
-        delays=_named({name: entry[name] for name, way in ways["chosen"].items() if way.candidate.timing}),
+        delays=_named({name: new_delays[name] for name, way in ways["chosen"].items() if way.candidate.timing}),
         calibrated=_named(calibrated), moved=moved_from(fit, final), seconds=float(seconds), in_sample=in_sample,
         cpu_seconds=time.process_time() - clock,
     )  # fmt: skip
@@ -185,20 +185,24 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
         return _Way(candidate, part, {})
     clock = time.process_time()
     names = members(candidate.free, part)
-    held = part.with_parameters(
+    part_with_free = part.with_parameters(
         *(replace(parameter, fixed=parameter.name not in names) for parameter in part.parameters)
     )
     free, precision = linearised.mask(candidate.free), candidate.strength**2 * linearised.learnt
     precision = precision * np.outer(free, free)
-    problem = Held(held, linearised.recording, linearised.problem.noise, precision)
+    problem = Held(part_with_free, linearised.recording, linearised.problem.noise, precision)
     solution = gauss_newton(problem, problem.start, max_steps=STEPS, tolerance=1e-5)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    adapted = held.with_parameters(*unpack(held.parameters, problem.shared(solution.x)))
+    adapted_part = part_with_free.with_parameters(*unpack(part_with_free.parameters, problem.shared(solution.x)))
     H = problem.normal_equations(solution.x, solution.nodes).H[np.ix_(free, free)]
     spread = np.zeros(part.size)
     spread[free] = np.sqrt(np.maximum(np.diag(la.pinvh(H)), 0.0) * correlation_time(linearised.r))
-    sd = {item.name: spread[place].reshape(item.shape) for item, place in placed(held.parameters) if item.name in names}
+    sd = {
+        item.name: spread[place].reshape(item.shape)
+        for item, place in placed(part_with_free.parameters)
+        if item.name in names
+    }
     stage = Stage(
         model=f"{part.name}, adapted", closed_loop=False, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
@@ -207,7 +211,7 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
         noise=dict(zip(part.outputs, problem.noise.tolist(), strict=True)),
         cpu_seconds=time.process_time() - clock, cross_validation_seconds=0.0, certificate=None,
     )  # fmt: skip
-    return _Way(candidate, adapted, sd, stage)
+    return _Way(candidate, adapted_part, sd, stage)
 
 
 def _continues(recording: Recording, cut: int) -> bool:
@@ -253,10 +257,12 @@ def _in_sample(
     """Pooled errors on the data of the adaptation, with the fraction of variance unexplained as in the paper."""
     result: dict[str, dict[str, float]] = {}
     for part in parts:
-        name, value = part.outputs[0], _part_of(model, part)
-        seen = timed(value, new, {o.run: o.delay for o in delays[name]} if ways[name].candidate.timing else {})
-        pooled, published = errors(value, seen, "honest"), errors(value, seen, "published")
-        result |= {o: {"rmse": pooled[o].rmse, "fvu_pooled": published[o].fvu_pooled} for o in value.outputs}
+        name, adapted_part = part.outputs[0], _part_of(model, part)
+        prediction = timed(
+            adapted_part, new, {o.run: o.delay for o in delays[name]} if ways[name].candidate.timing else {}
+        )
+        pooled, published = errors(adapted_part, prediction, "honest"), errors(adapted_part, prediction, "published")
+        result |= {o: {"rmse": pooled[o].rmse, "fvu_pooled": published[o].fvu_pooled} for o in adapted_part.outputs}
     return result
 
 

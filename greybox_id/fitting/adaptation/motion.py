@@ -71,46 +71,47 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
             "(‹seconds›)."
         )
     how = _how(fit)
-    zero = _errors_in_folds(folds, [model] * len(folds))
-    scale = {name: max(float(np.sqrt(np.mean(item))), 1e-12) for name, item in zero.items()}
+    unchanged = _errors_in_folds(folds, [model] * len(folds))
+    scale = {name: max(float(np.sqrt(np.mean(item))), 1e-12) for name, item in unchanged.items()}
     if not scale:
         raise BadInput(f"{recording.name} has no stretch of {AHEAD:g} s with readings of an output of {model.name}.")
     words = ESTIMATED if free in ("auto", "all") else free
-    several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
-    squares = [zero]
+    candidates = [AdaptedCandidate("", np.inf, False, _pieces(unchanged, scale))]
+    squares = [unchanged]
     for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
-        held, fitted = _about(model, fit, names, strength), []
+        model_with_prior, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
             say(f"cross-validation with prior strength {strength:g}: part {number} of {len(folds)} held out")
-            fitted.append(_fitted(held, train, how))
-        known = _errors_in_folds(folds, fitted)
-        several.append(AdaptedCandidate(words, strength, False, _pieces(known, scale)))
-        squares.append(known)
-    best = chosen(several)
-    other = chosen(several[1:])
+            fitted.append(_fitted(model_with_prior, train, how))
+        squares_of_candidate = _errors_in_folds(folds, fitted)
+        candidates.append(AdaptedCandidate(words, strength, False, _pieces(squares_of_candidate, scale)))
+        squares.append(squares_of_candidate)
+    best = chosen(candidates)
+    other = chosen(candidates[1:])
     say(f"fitted to {seconds:g} s, and scored on the rest")
-    made = {id(item): _adapted(model, fit, names, item, new, how) for item in (several[0], best, other)}
-    role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
+    made = {id(item): _adapted(model, fit, names, item, new, how) for item in (candidates[0], best, other)}
+    role_of = {"chosen": best, "zero_shot": candidates[0], "adapted": other if best is candidates[0] else best}
     length = 0.0 if rest is None else rest.duration
     outcomes = {}
     for role, item in role_of.items():
         expected = {
-            name: foretold(squares[several.index(item)][name] / scale[name] ** 2, length, scale[name]) for name in scale
+            name: foretold(squares[candidates.index(item)][name] / scale[name] ** 2, length, scale[name])
+            for name in scale
         }
         scored = {} if rest is None else _ahead(model.with_values(made[id(item)].model.values), rest)
         outcomes[role] = Outcome(item.words, scored, expected)
     result = made[id(best)]
-    here = _ahead(model.with_values(result.model.values), new)
+    in_sample = _ahead(model.with_values(result.model.values), new)
     return Adaptation(
         fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
         choices=dict.fromkeys(scale, best.words),
         tried={
             name: [(item.words, float(np.sqrt(np.mean(square[name]))) / scale[name])
-                   for item, square in zip(several, squares, strict=True)]
+                   for item, square in zip(candidates, squares, strict=True)]
             for name in scale
         },
         delays={}, calibrated={}, moved=moved_from(fit, result.model), seconds=seconds,
-        in_sample={name: {"rmse": item.rmse, "fvu_pooled": item.fvu} for name, item in here.items()},
+        in_sample={name: {"rmse": item.rmse, "fvu_pooled": item.fvu} for name, item in in_sample.items()},
         cpu_seconds=time.process_time() - clock,
     )  # fmt: skip
 
@@ -121,40 +122,40 @@ adapted.register(MotionModel)(adapted_motion)
 def _free(fit: Fit, free: str) -> tuple[str, ...]:
     """Names of the free parameters."""
     if isinstance(fit.model, HybridModel):
-        known = list(fit.model.carried_on)
+        adaptable = list(fit.model.carried_on)
     else:
         estimated = [
             parameter.name for parameter in fit.model.parameters if not parameter.fixed and parameter.scope == "model"
         ]
-        known = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
-    if not known:
+        adaptable = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
+    if not adaptable:
         raise BadInput(
             f"No parameter of this fit of {fit.model.name} has a standard deviation, so nothing keeps the parameters "
             "near their estimates. Fit it again until its optimum is confirmed."
         )
     if free in ("auto", "all"):
-        return tuple(known)
+        return tuple(adaptable)
     names = [word.strip() for word in free.split(",")]
     for name in names:
-        if name not in known:
+        if name not in adaptable:
             raise BadInput(
                 f"‹free›: {name!r:.40} is not a parameter of this fit of {fit.model.name} that may change."
-                f"{near_or_all(name, ['auto', 'all', *known])}"
+                f"{near_or_all(name, ['auto', 'all', *adaptable])}"
             )
     return tuple(dict.fromkeys(names))
 
 
 def _how(fit: Fit) -> FitOptions:
     """Options of the fit, without its certificate and its further starts."""
-    known: Mapping[str, Any] = fit.how
+    options: Mapping[str, Any] = fit.how
     if isinstance(fit.model, HybridModel):
         return FitOptions(
             noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed
         )
-    counted = {name: float(sd) for name, sd in (known.get("counted") or {}).items() if name in fit.model.outputs}
+    counted = {name: float(sd) for name, sd in (options.get("counted") or {}).items() if name in fit.model.outputs}
     return FitOptions(
-        solver="gauss-newton", horizon=min(LEAST_SECONDS, known.get("horizon") or LEAST_SECONDS),
-        robust=known.get("robust"), start_from=known.get("start_from") or "free", noise=counted, seed=fit.seed,
+        solver="gauss-newton", horizon=min(LEAST_SECONDS, options.get("horizon") or LEAST_SECONDS),
+        robust=options.get("robust"), start_from=options.get("start_from") or "free", noise=counted, seed=fit.seed,
     )  # fmt: skip
 
 
@@ -185,11 +186,11 @@ Folds = Sequence[tuple[list[Recording], Recording]]
 
 def _folds(new: Recording) -> Folds:
     """Recordings to fit to and the held-out one, for every stretch of some seconds."""
-    per, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
+    rows_per_fold, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
     result = []
     for first, last in new.runs:
-        for start in range(first, last - per + 1, per):
-            stop = start + per if last - (start + per) >= per else last
+        for start in range(first, last - rows_per_fold + 1, rows_per_fold):
+            stop = start + rows_per_fold if last - (start + rows_per_fold) >= rows_per_fold else last
             around = [new.rows(0, max(0, start - gap)), new.rows(min(len(new), stop + gap), len(new))]
             long = [one for item in around for one in _unbroken(item)]
             if long:
@@ -222,23 +223,23 @@ def _seen(model: Equations, recording: Recording) -> Any:
 
 
 def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
-    seen, horizon = _seen(model, recording), AHEAD if isinstance(model, MotionModel) else None
-    return prediction_errors(model.outputs, seen, recording.sample_time, horizon) if len(seen.rows) else {}
+    prediction, horizon = _seen(model, recording), AHEAD if isinstance(model, MotionModel) else None
+    return prediction_errors(model.outputs, prediction, recording.sample_time, horizon) if len(prediction.rows) else {}
 
 
 def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Array]:
     """Output -> mean square error over short pieces of the held-out data."""
     result: dict[str, list[float]] = {}
-    for (_, held), model in zip(folds, models, strict=True):
-        seen: Prediction = _seen(model, held)
-        piece = np.asarray(seen.rows, dtype=int) // max(1, round(SHORT / held.sample_time))
+    for (_, held_out), model in zip(folds, models, strict=True):
+        prediction: Prediction = _seen(model, held_out)
+        piece = np.asarray(prediction.rows, dtype=int) // max(1, round(SHORT / held_out.sample_time))
         for k, name in enumerate(model.outputs):
-            square = (seen.predicted[:, k] - seen.measured[:, k]) ** 2
+            square = (prediction.predicted[:, k] - prediction.measured[:, k]) ** 2
             for number in np.unique(piece):
-                value = square[piece == number]
-                value = value[np.isfinite(value)]
-                if len(value):
-                    result.setdefault(name, []).append(float(np.mean(value)))
+                finite = square[piece == number]
+                finite = finite[np.isfinite(finite)]
+                if len(finite):
+                    result.setdefault(name, []).append(float(np.mean(finite)))
     return {name: np.array(item) for name, item in result.items()}
 
 
@@ -258,14 +259,14 @@ def _adapted(
 ) -> Fit:
     if not adapted_candidate.free:
         return replace(fit, how={**fit.how, "adapted": adapted_candidate.words})
-    held = _about(model, fit, names, adapted_candidate.strength)
-    if isinstance(held, HybridModel):
-        known = update_hybrid(held, [new], how, quiet)
-        whole = model.with_values(known.model.values)
+    model_with_prior = _about(model, fit, names, adapted_candidate.strength)
+    if isinstance(model_with_prior, HybridModel):
+        trained = update_hybrid(model_with_prior, [new], how, quiet)
+        whole = model.with_values(trained.model.values)
         return replace(
-            fit, model=whole, stages=(*fit.stages, known.stage), how={**fit.how, "adapted": adapted_candidate.words}
+            fit, model=whole, stages=(*fit.stages, trained.stage), how={**fit.how, "adapted": adapted_candidate.words}
         )
-    result = fit_model(held, [new], how=how)
+    result = fit_model(model_with_prior, [new], how=how)
     estimated = {p.name: p.fixed for p in fit.model.parameters}
     freed = result.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in result.model.parameters))
     sd = {p.name: result.sd[p.name] if p.name in names else fit.sd.get(p.name, result.sd[p.name])

@@ -172,10 +172,14 @@ def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: in
     """
     at, away, tried = np.empty((0, len(priors))), np.empty(0), 0
     for batch in range(100):
-        value = drawn(priors, count, np.random.default_rng((seed, 0, batch)))
-        result = np.concatenate([distances(value[k : k + BATCH]) for k in range(0, count, BATCH)])
-        good = np.isfinite(result)
-        at, away, tried = np.concatenate([at, value[good]]), np.concatenate([away, result[good]]), tried + count
+        draws = drawn(priors, count, np.random.default_rng((seed, 0, batch)))
+        distances_of_draws = np.concatenate([distances(draws[k : k + BATCH]) for k in range(0, count, BATCH)])
+        finite = np.isfinite(distances_of_draws)
+        at, away, tried = (
+            np.concatenate([at, draws[finite]]),
+            np.concatenate([away, distances_of_draws[finite]]),
+            tried + count,
+        )
         if len(at) >= count:
             at, away = at[:count], away[:count]
             return ParticleSet(0, at, np.full(count, 1 / count), away, float(np.max(away)), len(at) / tried)
@@ -206,16 +210,18 @@ class PerturbationKernel:
         result = np.empty((0, len(self._low)))
         while len(result) < count:
             chosen = rng.choice(len(self._source.at), size=count, p=self._source.weight)
-            value = self._source.at[chosen] + rng.standard_normal((count, len(self._low))) @ self._factor.T
-            inside = np.all((value >= self._low) & (value <= self._high), axis=1)
-            result = np.concatenate([result, value[inside]])
+            draws = self._source.at[chosen] + rng.standard_normal((count, len(self._low))) @ self._factor.T
+            inside = np.all((draws >= self._low) & (draws <= self._high), axis=1)
+            result = np.concatenate([result, draws[inside]])
         return result[:count]
 
     def log_density(self, at: Array) -> Array:
         """(n,) log density up to a constant, which truncation leaves unchanged: draws beyond bounds are discarded."""
         turned = la.solve_triangular(self._factor, at.T, lower=True)
-        value = la.solve_triangular(self._factor, self._source.at.T, lower=True)
-        squares = np.sum(turned**2, axis=0)[:, None] + np.sum(value**2, axis=0)[None] - 2.0 * turned.T @ value
+        source_turned = la.solve_triangular(self._factor, self._source.at.T, lower=True)
+        squares = (
+            np.sum(turned**2, axis=0)[:, None] + np.sum(source_turned**2, axis=0)[None] - 2.0 * turned.T @ source_turned
+        )
         with np.errstate(divide="ignore"):
             logs = np.log(self._source.weight)
         return np.asarray(logsumexp(logs[None] - 0.5 * np.maximum(squares, 0.0), axis=1))
@@ -238,12 +244,12 @@ def grow(
     source, kernel = growing.source, PerturbationKernel(growing.source, priors)
     count = len(source.at)
     while len(growing.at) < count:
-        value = kernel.perturbed(BATCH, np.random.default_rng((seed, source.number + 1, growing.batches + 1)))
-        away = distances(value)
-        good = away <= growing.threshold
+        draws = kernel.perturbed(BATCH, np.random.default_rng((seed, source.number + 1, growing.batches + 1)))
+        away = distances(draws)
+        close = away <= growing.threshold
         growing = Growing(
             source, growing.threshold, growing.batches + 1, growing.simulated + BATCH,
-            np.concatenate([growing.at, value[good]]), np.concatenate([growing.distance, away[good]]),
+            np.concatenate([growing.at, draws[close]]), np.concatenate([growing.distance, away[close]]),
         )  # fmt: skip
         hopeless = len(growing.at) < HOPELESS * TARGETS[source.number] * growing.simulated
         if hopeless and growing.simulated > 20 * PILOT:

@@ -72,9 +72,9 @@ class PosteriorDensity:
     def __init__(self, problem: MotionProblem, solution: Solution) -> None:
         self.problem = problem
         self._x = solution.x
-        drawn_numberses = coordinates(problem)
-        self.coordinates = tuple(coordinate for coordinate, _ in drawn_numberses)
-        self.places = np.array([place for _, place in drawn_numberses], dtype=np.intp)
+        scalars = coordinates(problem)
+        self.coordinates = tuple(coordinate for coordinate, _ in scalars)
+        self.places = np.array([place for _, place in scalars], dtype=np.intp)
         self.centre = solution.x[self.places].copy()
         low, high = problem.bounds
         self.bounds = low[self.places], high[self.places]
@@ -91,7 +91,7 @@ class PosteriorDensity:
         r = self._residuals(x)
         priors = np.array([0.5 * float(np.sum(self.problem.prior_residuals(item) ** 2)) for item in x])
         with np.errstate(over="ignore", invalid="ignore"):
-            total = _misfit(self.problem.targets, r) + priors - self._saved(r)
+            total = _misfit(self.problem.targets, r) + priors - self._gain_of_starts(r)
         result[inside] = np.where(np.isfinite(total), -total, -np.inf)
         return result
 
@@ -126,7 +126,7 @@ class PosteriorDensity:
         with np.errstate(over="ignore", invalid="ignore"):
             return np.where(targets.weight > 0, y - targets.reading, 0.0) * targets.weight
 
-    def _saved(self, r: Array) -> Array:
+    def _gain_of_starts(self, r: Array) -> Array:
         """(n,) decrease of the objective by optimal initial states."""
         result = np.zeros(len(r))
         tail = self.problem.targets.robust
@@ -184,13 +184,13 @@ def _starts(problem: MotionProblem, solution: Solution) -> list[_Start]:
     result = []
     order, edges = solution.nodes.cut.by_owner
     outputs = problem.target.shape[1]
-    pull = problem.pull_of_priors(solution.x)
+    pull = problem.prior_gradient(solution.x)
     for k, (_, J) in enumerate(problem.residuals(solution.x, solution.nodes)):
-        value = np.arange(edges[k], edges[k + 1]) if order is None else order[edges[k] : edges[k + 1]]
-        rows = np.unique(value // outputs)
+        readings_of_interval = np.arange(edges[k], edges[k + 1]) if order is None else order[edges[k] : edges[k + 1]]
+        rows = np.unique(readings_of_interval // outputs)
         places = problem.layout.index[k][problem.model.size :]
         flat = J[:, :, problem.model.size :].reshape(-1, len(places))
-        inverse = np.linalg.pinv(flat.T @ flat + problem.believed[np.ix_(places, places)], hermitian=True)
+        inverse = np.linalg.pinv(flat.T @ flat + problem.prior_curvature[np.ix_(places, places)], hermitian=True)
         readings = (rows[:, None] * outputs + np.arange(outputs)).ravel()
         result.append(_Start(readings, flat, inverse, pull[places]))
     return result
@@ -292,16 +292,16 @@ def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Arra
     BadInput : a parameter is not determined.
     """
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    untold = [coordinate.name for coordinate, s in zip(density.coordinates, sd, strict=True) if not np.isfinite(s)]
-    if untold:
+    open_ = [coordinate.name for coordinate, s in zip(density.coordinates, sd, strict=True) if not np.isfinite(s)]
+    if open_:
         raise BadInput(
-            f"{', '.join(untold)} is not determined by the recordings, nor by a prior: there is nothing to draw from. "
+            f"{', '.join(open_)} is not determined by the recordings, nor by a prior: there is nothing to draw from. "
             "Fix it or give it a prior, and fit again."
         )
     unit = np.where(sd > 0, sd, 1.0)
     correlation = covariance / np.outer(unit, unit)
     correlation[np.diag_indices_from(correlation)] = np.where(sd > 0, 1.0 + RIDGE, RIDGE)
     values, vectors = la.eigh(correlation)
-    adds = np.array([coordinate.unit in ADDING for coordinate in density.coordinates])
-    logarithmic = (density.bounds[0] >= 0) & (density.centre > 0) & ~adds
+    additive = np.array([coordinate.unit in ADDING for coordinate in density.coordinates])
+    logarithmic = (density.bounds[0] >= 0) & (density.centre > 0) & ~additive
     return unit, np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))), logarithmic

@@ -88,11 +88,11 @@ def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, i
                 break
             return WeightedDraws(u[:0], np.empty(0), np.empty(0), float("nan"), within, complete)
         log_weight, k = smoothed(log_ratio)
-        weighted_draws = WeightedDraws(u, np.exp(log_weight), log_density, k, within, complete)
-        best = weighted_draws if best is None or not k >= best.k else best
+        importance = WeightedDraws(u, np.exp(log_weight), log_density, k, within, complete)
+        best = importance if best is None or not k >= best.k else best
         if not complete or np.isnan(k) or k <= trusted(draws):
             return best
-        centre, factor = _moments(target, weighted_draws)
+        centre, factor = _moments(target, importance)
     rng, k = np.random.default_rng((seed, 31)), np.inf if best is None else best.k
     u, log_density, within = _proposed(target, target.centre, target.factor, np.inf, draws, rng)
     return WeightedDraws(u, np.full(draws, 1 / draws), log_density, k, within, True)
@@ -110,22 +110,22 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
     ----------
     log_ratio : (n,) of densities; -inf drops a draw.
     """
-    value = log_ratio - np.max(log_ratio)
-    tail = int(np.ceil(min(0.2 * len(value), 3.0 * np.sqrt(len(value)))))
-    order, k = np.argsort(value, kind="stable"), float("nan")
+    log_weight = log_ratio - np.max(log_ratio)
+    tail = int(np.ceil(min(0.2 * len(log_weight), 3.0 * np.sqrt(len(log_weight)))))
+    order, k = np.argsort(log_weight, kind="stable"), float("nan")
     largest = order[-tail:]
-    cut = np.exp(value[order[-tail - 1]]) if tail < len(value) else 0.0
-    beyond = np.exp(value[largest]) - cut
+    cut = np.exp(log_weight[order[-tail - 1]]) if tail < len(log_weight) else 0.0
+    beyond = np.exp(log_weight[largest]) - cut
     if tail >= SHORTEST_TAIL:
         spread = int(np.sum(beyond > np.finfo(float).eps))
         k = -np.inf if spread == 0 else np.inf  # all equal, or dominated by a handful
         if spread >= SHORTEST_TAIL:
             k, scale = pareto_shape(beyond[beyond > 0.0])
-            far = -np.log1p(-(np.arange(tail) + 0.5) / tail)
+            exponential = -np.log1p(-(np.arange(tail) + 0.5) / tail)
             with np.errstate(over="ignore"):
-                expected = scale * (far if abs(k) < 1e-12 else np.expm1(k * far) / k)
-            value[largest] = np.minimum(np.log(cut + expected), 0.0)
-    return value - np.logaddexp.reduce(value), float(k)
+                expected = scale * (exponential if abs(k) < 1e-12 else np.expm1(k * exponential) / k)
+            log_weight[largest] = np.minimum(np.log(cut + expected), 0.0)
+    return log_weight - np.logaddexp.reduce(log_weight), float(k)
 
 
 def pareto_shape(beyond: Array) -> tuple[float, float]:
@@ -159,17 +159,19 @@ def _proposed(
         z = rng.standard_normal((size, d))
         if np.isfinite(tail):
             z /= np.sqrt(rng.chisquare(tail, size) / tail)[:, None]
-        u, far = centre + z @ factor.T, np.sum(z**2, axis=1)
-        good = target.within(u)
-        result.append(np.column_stack([u, far])[good])
-        tried, kept = tried + size, kept + int(np.sum(good))
+        u, squared_distance = centre + z @ factor.T, np.sum(z**2, axis=1)
+        inside = target.within(u)
+        result.append(np.column_stack([u, squared_distance])[inside])
+        tried, kept = tried + size, kept + int(np.sum(inside))
         if tried > MOST_TRIES * size:
             raise BadInput(
                 "Nearly all draws of the fit's normal distribution fall beyond the parameters' bounds: the recordings "
                 "do not determine them. Fix some, or give them priors, and fit again."
             )
-    u, far = np.split(np.concatenate(result)[:count], [d], axis=1)
-    log_density = -0.5 * far[:, 0] if np.isinf(tail) else -0.5 * (tail + d) * np.log1p(far[:, 0] / tail)
+    u, squared_distance = np.split(np.concatenate(result)[:count], [d], axis=1)
+    log_density = (
+        -0.5 * squared_distance[:, 0] if np.isinf(tail) else -0.5 * (tail + d) * np.log1p(squared_distance[:, 0] / tail)
+    )
     return u, log_density, kept / tried
 
 
@@ -187,12 +189,13 @@ def _simulated(target: Target, u: Array, tell: Callable[[int], None]) -> tuple[A
 
 def _moments(target: Target, weighted_draws: WeightedDraws) -> tuple[Array, Array]:
     """Centre and factor of the weighted draws' covariance; the fit's counts as d draws, with d coordinates."""
-    d, worth = len(target.centre), 1.0 / np.sum(weighted_draws.weight**2)
-    first = (worth * weighted_draws.weight @ weighted_draws.u + d * target.centre) / (worth + d)
-    off = weighted_draws.u - weighted_draws.weight @ weighted_draws.u
-    covariance = (worth * (off * weighted_draws.weight[:, None]).T @ off + d * target.factor @ target.factor.T) / (
-        worth + d
-    )
+    d, effective_size = len(target.centre), 1.0 / np.sum(weighted_draws.weight**2)
+    centre = (effective_size * weighted_draws.weight @ weighted_draws.u + d * target.centre) / (effective_size + d)
+    deviations = weighted_draws.u - weighted_draws.weight @ weighted_draws.u
+    covariance = (
+        effective_size * (deviations * weighted_draws.weight[:, None]).T @ deviations
+        + d * target.factor @ target.factor.T
+    ) / (effective_size + d)
     unit = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
-    return first, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None]
+    return centre, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None]

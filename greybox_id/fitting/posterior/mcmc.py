@@ -86,11 +86,11 @@ class TowardsMiddle:
         count, d = u.shape
         beta = np.exp(random.uniform(np.log(REACH[0]), np.log(REACH[1]), count))[:, None]
         z = (u - self.centre) @ self.inverse.T
-        far = np.sum(z**2, axis=1)
-        scale = (TAIL + far) / (2.0 * random.standard_gamma((TAIL + d) / 2, count))
+        squared_distance = np.sum(z**2, axis=1)
+        scale = (TAIL + squared_distance) / (2.0 * random.standard_gamma((TAIL + d) / 2, count))
         other = np.sqrt(1.0 - beta**2) * z + beta * np.sqrt(scale)[:, None] * random.standard_normal(u.shape)
-        beyond = np.log1p(np.sum(other**2, axis=1) / TAIL) - np.log1p(far / TAIL)
-        return self.centre + other @ self.factor.T, 0.5 * (TAIL + d) * beyond
+        log_ratio = np.log1p(np.sum(other**2, axis=1) / TAIL) - np.log1p(squared_distance / TAIL)
+        return self.centre + other @ self.factor.T, 0.5 * (TAIL + d) * log_ratio
 
 
 def middle(target: Target, ensemble: Ensemble) -> TowardsMiddle:
@@ -98,13 +98,13 @@ def middle(target: Target, ensemble: Ensemble) -> TowardsMiddle:
 
     The fit's covariance counts as d walkers, since few walkers do not determine a covariance.
     """
-    known = max((blocks for blocks in LEARN if blocks <= ensemble.block), default=0)
-    if known == 0:
+    learnt_from = max((blocks for blocks in LEARN if blocks <= ensemble.block), default=0)
+    if learnt_from == 0:
         return TowardsMiddle(target.centre, target.factor)
-    been = ensemble.burnt[FORGET:known].reshape(-1, len(target.centre))
-    centre = np.mean(been, axis=0)
-    off, d = been - centre, len(centre)
-    covariance = (off.T @ off + d * target.factor @ target.factor.T) / (len(been) + d)
+    positions = ensemble.burnt[FORGET:learnt_from].reshape(-1, len(target.centre))
+    centre = np.mean(positions, axis=0)
+    deviations, d = positions - centre, len(centre)
+    covariance = (deviations.T @ deviations + d * target.factor @ target.factor.T) / (len(positions) + d)
     unit = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     return TowardsMiddle(centre, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None])
@@ -119,14 +119,17 @@ def begun(target: Target, seed: int) -> Ensemble:
     """
     d = len(target.centre)
     count, rng = walkers_for(d), np.random.default_rng((seed, 0))
-    at, logs = np.empty((0, d)), np.empty(0)
+    at, log_posteriors = np.empty((0, d)), np.empty(0)
     for shrink in np.repeat([1.0, 0.3, 0.1, 0.03], 8):  # near bounds and in bent valleys, closer draws are needed
-        value = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
-        known = target(value)
-        good = np.isfinite(known)
-        at, logs = np.concatenate([at, value[good]]), np.concatenate([logs, known[good]])
+        draws = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
+        log_posterior = target(draws)
+        finite = np.isfinite(log_posterior)
+        at, log_posteriors = (
+            np.concatenate([at, draws[finite]]),
+            np.concatenate([log_posteriors, log_posterior[finite]]),
+        )
         if len(at) >= count:
-            return Ensemble(0, at[:count], logs[:count], 0, 0, np.empty((0, count, d)))
+            return Ensemble(0, at[:count], log_posteriors[:count], 0, 0, np.empty((0, count, d)))
     raise BadInput(
         "The model's predictions are finite at hardly any draw around the fit: the "
         "recordings do not determine its parameters. Fix "

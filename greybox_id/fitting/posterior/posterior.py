@@ -73,8 +73,8 @@ def weighted_quantile(values: Array, weight: Array, share: float) -> float:
     if len(values) == 0:
         return float("nan")
     order = np.argsort(values, kind="stable")
-    value = weight[order] / np.sum(weight)
-    return float(np.interp(share, np.cumsum(value) - 0.5 * value, values[order]))
+    share_of_weight = weight[order] / np.sum(weight)
+    return float(np.interp(share, np.cumsum(share_of_weight) - 0.5 * share_of_weight, values[order]))
 
 
 Method = Literal["laplace", "mcmc", "abc-smc"]
@@ -152,9 +152,9 @@ class Posterior:
     @property
     def frame(self) -> pd.DataFrame:
         """One row per draw: `chain`, `draw`, `weight`, `log_posterior` or `distance`, then the parameters in SI."""
-        known = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
-        value = {name: self.values[:, k] for k, name in enumerate(self.names)}
-        return pd.DataFrame({**known, self.measured: self.measure, **value})
+        of_draws = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
+        of_parameters = {name: self.values[:, k] for k, name in enumerate(self.names)}
+        return pd.DataFrame({**of_draws, self.measured: self.measure, **of_parameters})
 
     @property
     def measured(self) -> str:
@@ -170,8 +170,8 @@ class Posterior:
     def ess(self) -> pd.Series[float]:
         """Effective sample size by name: of chains by autocorrelation, of weighted draws 1 / sum of squared weights."""
         if self.weighted:
-            worth = 1.0 / float(np.sum(self.weight**2)) if len(self) else float("nan")
-            return pd.Series(worth, index=list(self.names), dtype=float)
+            effective_size = 1.0 / float(np.sum(self.weight**2)) if len(self) else float("nan")
+            return pd.Series(effective_size, index=list(self.names), dtype=float)
         return self._by_name(effective_sample_size)
 
     @cached_property
@@ -180,9 +180,13 @@ class Posterior:
         `sd_noise_alone`, `low_noise_alone` and `high_noise_alone`.
         """
         widened, noise = self._described(self.values), self._described(self.noise_alone)
-        known = {"unit": [coordinate.unit for coordinate in self.coordinates], "r_hat": self.r_hat, "ess": self.ess}
+        diagnostics = {
+            "unit": [coordinate.unit for coordinate in self.coordinates],
+            "r_hat": self.r_hat,
+            "ess": self.ess,
+        }
         of_noise = {f"{name}_noise_alone": noise[name] for name in ("sd", "low", "high")}
-        return pd.DataFrame({**widened, **known, **of_noise}, index=list(self.names))
+        return pd.DataFrame({**widened, **diagnostics, **of_noise}, index=list(self.names))
 
     def _described(self, values: Array) -> dict[str, Array]:
         """Mean, standard deviation and ends of intervals of each parameter."""
@@ -326,8 +330,8 @@ class Posterior:
         head["checksum"] = checksum(head)
         table = pa.Table.from_pandas(self.frame, preserve_index=False)
         noise = np.ascontiguousarray(self.noise_alone, dtype="<f8").tobytes()  # its columns would pass for parameters
-        known = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode(), NOISE_ALONE: noise}
-        table = table.replace_schema_metadata({**(table.schema.metadata or {}), **known})
+        metadata = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode(), NOISE_ALONE: noise}
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), **metadata})
         target = Path(path)
         with replacing(target) as beside:
             pq.write_table(table, beside)
@@ -362,10 +366,10 @@ class Posterior:
 def identity(fit: Fit) -> dict[str, Any]:
     """Identification of a fit: its model, its parameters' values, and its training recordings."""
     body = fit.as_dict()
-    value = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
+    content = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
     return {
         "model": fit.model.name,
-        "sha256": str(checksum(plain(value))),
+        "sha256": str(checksum(plain(content))),
         "recordings": [record.sha256 for record in fit.data if record.role == "train"],
     }
 
@@ -392,8 +396,8 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
         protect(file)
     try:
         table = pq.read_table(file)
-        known = table.schema.metadata or {}
-        head, source = json.loads(known[METADATA]), known.get(SOURCE, b"").decode()
+        metadata = table.schema.metadata or {}
+        head, source = json.loads(metadata[METADATA]), metadata.get(SOURCE, b"").decode()
     except (pa.ArrowException, OSError, ValueError, KeyError, RecursionError) as error:
         raise BadInput(
             f"{file} is not a posterior of greybox-id, or is damaged; make one with greybox sample."
@@ -403,7 +407,7 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
             raise BadInput(f"{file} has format version {head['version']!r:.20}, not {VERSION}. Sample again.")
         if head.pop("checksum", None) != checksum(head):
             raise ValueError("its metadata do not match their checksum")
-        return replace(_sound(head, table.to_pandas(), known.get(NOISE_ALONE)), source=source)
+        return replace(_sound(head, table.to_pandas(), metadata.get(NOISE_ALONE)), source=source)
     except (LookupError, ArithmeticError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{file} is damaged: {error}. Restore it, or sample again.") from error
 

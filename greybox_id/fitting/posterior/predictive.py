@@ -98,8 +98,8 @@ def predictive_band(
         if base is None:
             base = result
             total, squares = np.zeros(base.predicted.shape), np.zeros(base.predicted.shape)
-        off = result.predicted - base.predicted  # relative to the first one, against cancellation of digits
-        total, squares = total + off, squares + off**2
+        difference = result.predicted - base.predicted  # relative to the first one, against cancellation of digits
+        total, squares = total + difference, squares + difference**2
     assert base is not None
     mean = base.predicted + total / DRAWS
     variance = np.maximum(squares / DRAWS - (total / DRAWS) ** 2, 0.0)

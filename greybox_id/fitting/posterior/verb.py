@@ -152,12 +152,12 @@ class _Run:
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
     def _target(self) -> Target:
-        known = uncertainty(self._problem, self._solution.x, self._solution.nodes)
+        uncertainty_there = uncertainty(self._problem, self._solution.x, self._solution.nodes)
         among = np.ix_(self.density.places, self.density.places)
-        target = Target(self.density, known.released_independent[among], known.released[among])
+        target = Target(self.density, uncertainty_there.released_independent[among], uncertainty_there.released[among])
         start = {parameter.name: at.start for parameter, at in placed(self._fit.model.parameters)}
         numbers = [start[coordinate.parameter] + coordinate.entry for coordinate in self.density.coordinates]
-        beyond = beyond_noise(self._fit, self._problem, known)[np.ix_(numbers, numbers)]
+        beyond = beyond_noise(self._fit, self._problem, uncertainty_there)[np.ix_(numbers, numbers)]
         self._widened = Widening(target, beyond)
         return target
 
@@ -168,10 +168,10 @@ class _Run:
             again = f", round {number} of at most {ROUNDS}" if number > 1 else ""
             self.say(f"laplace: {done} of {count} draws weighted{again}", passing=True)
 
-        value = weighted_draws(target, count, self.how.seed, tell)
-        chain, draw = np.zeros(len(value.u)), np.arange(len(value.u))
-        made = self._made(target.to_theta(value.u), value.weight, chain, draw, value.log_density, value.within)
-        return replace(made, complete=value.complete, pareto_k=value.k)
+        draws = weighted_draws(target, count, self.how.seed, tell)
+        chain, draw = np.zeros(len(draws.u)), np.arange(len(draws.u))
+        made = self._made(target.to_theta(draws.u), draws.weight, chain, draw, draws.log_density, draws.within)
+        return replace(made, complete=draws.complete, pareto_k=draws.k)
 
     def mcmc(self) -> Posterior:
         kept: list[tuple[Array, Array]] = []
@@ -197,7 +197,7 @@ class _Run:
         else:
             start = mcmc.begun(target, self.how.seed)
         walkers = len(start.at)
-        entry = BURN_IN + int(np.ceil(self.how.draws / walkers))
+        last_block = BURN_IN + int(np.ceil(self.how.draws / walkers))
         reached = start
 
         def until(ensemble: Ensemble) -> bool:
@@ -206,13 +206,13 @@ class _Run:
             if ensemble.block > BURN_IN:
                 kept.append((ensemble.at, ensemble.log_posterior))
             share = ensemble.accepted / ensemble.proposed
-            self.say(f"mcmc: block {ensemble.block} of {entry}, {100 * share:.0f} % accepted", passing=True)
+            self.say(f"mcmc: block {ensemble.block} of {last_block}, {100 * share:.0f} % accepted", passing=True)
             self._now_and_then(lambda: self._of_chains(target, kept, reached, complete=False))
-            return ensemble.block >= entry
+            return ensemble.block >= last_block
 
         complete = True
         try:
-            if start.block < entry:
+            if start.block < last_block:
                 mcmc.moved(target, start, self.how.seed, until)
         except KeyboardInterrupt:
             complete = False
@@ -284,15 +284,15 @@ class _Run:
         made = self._made(
             particle_set.at, particle_set.weight, zero, np.arange(count), particle_set.distance, particle_set.acceptance
         )
-        known: dict[str, Any] = {"population": particle_set.number, "threshold": particle_set.threshold}
+        state: dict[str, Any] = {"population": particle_set.number, "threshold": particle_set.threshold}
         if growing is not None:
-            known |= {
+            state |= {
                 "growing": {
                     "threshold": growing.threshold, "batches": growing.batches, "simulated": growing.simulated,
                     "at": growing.at.tolist(), "distance": growing.distance.tolist(),
                 }
             }  # fmt: skip
-        return replace(made, complete=complete, state=known)
+        return replace(made, complete=complete, state=state)
 
     def _made(
         self, values: Array, weight: Array, chain: ArrayLike, draw: ArrayLike, measure: Array, acceptance: float

@@ -109,16 +109,16 @@ def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> di
 
 
 def _error(predicted: Array, measured: Array, sample_time: float, protocol: Protocol) -> Error:
-    value = error_of(predicted, measured, sample_time)
+    error = error_of(predicted, measured, sample_time)
     if protocol != "published":
-        return value
+        return error
     with np.errstate(over="ignore", invalid="ignore"):
         square = (predicted - measured) ** 2
         if len(square) >= BATCH:
             batches = square[: _full_batches(len(square))].reshape(-1, BATCH).mean(axis=1)
-            value = replace(value, rmse=float(np.mean(np.sqrt(batches))), rmse_sd=standard_error(np.sqrt(batches)))
+            error = replace(error, rmse=float(np.mean(np.sqrt(batches))), rmse_sd=standard_error(np.sqrt(batches)))
         validator, pooled = _as_published(predicted, measured)
-    return replace(value, fvu_published=validator, fvu_pooled=pooled)
+    return replace(error, fvu_published=validator, fvu_pooled=pooled)
 
 
 def _as_published(predicted: Array, measured: Array) -> tuple[float, float]:
@@ -145,7 +145,7 @@ def aic(residual: Array, parameters: int, effective: float | None = None) -> flo
     parameters : k.
     effective : effective number of independent samples; None counts each, as published.
     """
-    value = residual[: _full_batches(len(residual))] if effective is None else residual
-    n = float(len(value)) if effective is None else effective
-    variance = float(np.var(value))
-    return float(n * np.log(2 * np.pi * variance) + n * np.mean(value**2) / variance + 2 * parameters)
+    used = residual[: _full_batches(len(residual))] if effective is None else residual
+    n = float(len(used)) if effective is None else effective
+    variance = float(np.var(used))
+    return float(n * np.log(2 * np.pi * variance) + n * np.mean(used**2) / variance + 2 * parameters)

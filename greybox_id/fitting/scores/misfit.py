@@ -97,8 +97,8 @@ def misfit(fit: Fit) -> Iterator[Reason]:
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     halves = list(_of_halves(form, _of_form(moving[worst])))
     drive = list(_dependence(worst, moving[worst], fit.how.get("sensors", {})))
-    by_drive = max(moving[worst]["on"].values(), default=0.0)
-    yield from (*drive, *halves) if by_drive > form.get("halves", 0.0) else (*halves, *drive)
+    explained_by_drive = max(moving[worst]["on"].values(), default=0.0)
+    yield from (*drive, *halves) if explained_by_drive > form.get("halves", 0.0) else (*halves, *drive)
 
 
 def foreign_form(fit: Fit) -> bool:
@@ -143,10 +143,10 @@ def _short(fit: Fit) -> Iterator[Reason]:
 
 def _depends(on: Sequence[str]) -> str:
     """The variables with which residuals vary, and the input errors that they resemble."""
-    like = [word for word in on if word.startswith(("a ", "an "))]
-    plain = [word for word in on if word not in like]
-    varies = f" The error varies with {listed(plain)}." if plain else ""
-    return varies + (f" It could come from {' or '.join(like)}." if like else "")
+    input_errors = [word for word in on if word.startswith(("a ", "an "))]
+    variables = [word for word in on if word not in input_errors]
+    varies = f" The error varies with {listed(variables)}." if variables else ""
+    return varies + (f" It could come from {' or '.join(input_errors)}." if input_errors else "")
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:

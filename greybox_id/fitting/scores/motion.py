@@ -111,32 +111,34 @@ def _score_beside_hold(
 ) -> tuple[Scores, Scores]:
     """In free run, persistence keeps the reading of the run's first row."""
     predictor = Predictor(Simulator(model), recording, model.values)
-    value: dict[str, Mapping[str, Error]] = {}
-    held: dict[str, Mapping[str, Error]] = {}
+    scores_of_model: dict[str, Mapping[str, Error]] = {}
+    scores_of_hold: dict[str, Mapping[str, Error]] = {}
     results = [*predictor.each_ahead(horizons), predictor.free_run()]
     for horizon, result in zip((*horizons, None), results, strict=True):
         name = FREE_RUN if horizon is None else ahead(horizon)
-        for scores, predictions in ((value, result), (held, hold(result, predictor.runs, horizon))):
-            known = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
-            if known:
-                scores[name] = known
-    return value, held
+        for scores, predictions in ((scores_of_model, result), (scores_of_hold, hold(result, predictor.runs, horizon))):
+            output_errors = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
+            if output_errors:
+                scores[name] = output_errors
+    return scores_of_model, scores_of_hold
 
 
 def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
     """Persistence for the same rows: the last reading a horizon before, in free run the run's first."""
-    held = np.full(predictions.predicted.shape, np.nan)
+    persistence = np.full(predictions.predicted.shape, np.nan)
     order = np.argsort(predictions.run, kind="stable")
     edges = np.searchsorted(predictions.run[order], np.arange(len(runs) + 1))
     for run, begin, end in zip(runs, edges[:-1], edges[1:], strict=True):
-        value = order[begin:end]
+        rows_of_run = order[begin:end]
         last = _last_read(run.measured)
         if horizon is None:
-            if len(value):
-                held[value] = last[predictions.rows[value[0]] - run.rows.start]
+            if len(rows_of_run):
+                persistence[rows_of_run] = last[predictions.rows[rows_of_run[0]] - run.rows.start]
         else:
-            held[value] = last[predictions.rows[value] - run.rows.start - max(1, round(horizon / run.sample_time))]
-    return Prediction(predictions.rows, held, predictions.measured, predictions.run)
+            persistence[rows_of_run] = last[
+                predictions.rows[rows_of_run] - run.rows.start - max(1, round(horizon / run.sample_time))
+            ]
+    return Prediction(predictions.rows, persistence, predictions.measured, predictions.run)
 
 
 def _last_read(measured: Array) -> Array:

@@ -89,14 +89,16 @@ def run_delays(
     everywhere = range(len(recording.runs))
     for error, lag in zip(errors, lags, strict=True):
         try:
-            seen = predictions(part, aligned(recording, part.inputs, dict.fromkeys(everywhere, lag * dt)), trace=trace)
+            prediction = predictions(
+                part, aligned(recording, part.inputs, dict.fromkeys(everywhere, lag * dt)), trace=trace
+            )
         except BadInput:  # too short for a shifted window
             continue
-        error[seen.rows] = (seen.predicted - seen.measured) / counted
-    known = np.all(np.isfinite(errors), axis=(0, 2)) & (moving(recording) > 0)
+        error[prediction.rows] = (prediction.predicted - prediction.measured) / counted
+    complete = np.all(np.isfinite(errors), axis=(0, 2)) & (moving(recording) > 0)
     result = []
     for number, (start, stop) in enumerate(recording.runs):
-        rows = start + np.flatnonzero(known[start:stop])
+        rows = start + np.flatnonzero(complete[start:stop])
         enough = seconds is None or len(rows) > round(seconds / dt)
         rows = rows if seconds is None else rows[: round(seconds / dt)]
         if len(rows) < FEWEST:
@@ -220,9 +222,9 @@ def parts_of(model: MemoryModel) -> list[MemoryModel]:
 def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
     """Standard deviation of residuals in training; on the given recording, if the fit has none stored."""
     model = must_have_timing(fit.model)
-    known = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
-    if set(model.outputs) <= set(known):
-        return {name: max(known[name], 1e-9) for name in model.outputs}
+    trained_noise = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
+    if set(model.outputs) <= set(trained_noise):
+        return {name: max(trained_noise[name], 1e-9) for name in model.outputs}
     return {
         name: max(error.rmse, 1e-9) for name, error in errors(model, predictions(model, recording), "honest").items()
     }
@@ -278,15 +280,15 @@ def calibrated_predictions(
     predicted, measured = (np.full((len(recording), len(model.outputs)), np.nan) for _ in range(2))
     if open_loop or model.feedback is None:
         for part in parts_of(model):
-            seen = timed(part, recording, timing.of(part.outputs))
+            prediction = timed(part, recording, timing.of(part.outputs))
             columns = [model.outputs.index(name) for name in part.outputs]
-            place = np.ix_(np.asarray(seen.rows, dtype=np.intp), np.array(columns, dtype=np.intp))
-            predicted[place], measured[place] = seen.predicted, seen.measured
+            place = np.ix_(np.asarray(prediction.rows, dtype=np.intp), np.array(columns, dtype=np.intp))
+            predicted[place], measured[place] = prediction.predicted, prediction.measured
     else:
-        seen = predictions(model, aligned_together(model, recording, timing), "closed_loop")
-        predicted[seen.rows], measured[seen.rows] = seen.predicted, seen.measured
-    known = np.any(np.isfinite(predicted), axis=1) & np.logical_not(timing.looked_at(recording))
-    rows = np.flatnonzero(known)
+        prediction = predictions(model, aligned_together(model, recording, timing), "closed_loop")
+        predicted[prediction.rows], measured[prediction.rows] = prediction.predicted, prediction.measured
+    scored = np.any(np.isfinite(predicted), axis=1) & np.logical_not(timing.looked_at(recording))
+    rows = np.flatnonzero(scored)
     if not len(rows):
         raise BadInput(
             f"Nothing of {recording.name} can be predicted after the seconds of its runs from which "
@@ -318,14 +320,14 @@ def calibrated_errors(model: MemoryModel, recording: Recording, timing: Timing) 
 def errors_after(part: MemoryModel, recording: Recording, delays: Sequence[RunDelay]) -> dict[str, Error]:
     """Errors of a part with delays corrected, after the rows used for them; empty if no window fits."""
     try:
-        seen = timed(part, recording, {delay.run: delay.delay for delay in delays})
+        prediction = timed(part, recording, {delay.run: delay.delay for delay in delays})
     except BadInput:
         return {}
     looked_at = Timing(None, {tuple(part.outputs): delays}).looked_at(recording)
-    kept = np.logical_not(looked_at[seen.rows])
+    kept = np.logical_not(looked_at[prediction.rows])
     if not np.any(kept):
         return {}
-    return errors(part, seen.taken(kept), "honest")
+    return errors(part, prediction.taken(kept), "honest")
 
 
 def moving(recording: Recording) -> Array:

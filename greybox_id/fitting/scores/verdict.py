@@ -22,7 +22,7 @@ from ...datasets.recording import Recording
 from ...models.hybrid_model import HybridModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import NOT_USABLE, SURPRISING, UNTOLD, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
+from ..fit import NOT_USABLE, SURPRISING, UNDETERMINED, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
 from ..provenance import DataRecord
 from .metrics import FREE_RUN, Error, Scores, ahead, standard_error
 from .misfit import foreign_form, misfit
@@ -90,7 +90,7 @@ def judged(
     roles = [role for role in value if role != TRAINED] or list(value)
     reasons = [
         *_trusted(fit, findings),
-        *_found(fit),
+        *_estimation(fit),
         *_held_out(fit, fit.data if data is None else data),
         *more,
     ]
@@ -177,7 +177,7 @@ def _moved(fit: Fit) -> bool:
     return any(not np.isclose(float(fit.model[name].array), item, rtol=1e-9, atol=0.0) for name, item in before.items())
 
 
-def _found(fit: Fit) -> Iterator[Reason]:
+def _estimation(fit: Fit) -> Iterator[Reason]:
     """Reasons from the estimation: optimum, starts, priors and bounds."""
     values = [p.array for p in fit.model.parameters if not p.fixed]
     if not all(np.all(np.isfinite(value)) for value in values):
@@ -211,24 +211,26 @@ def _found(fit: Fit) -> Iterator[Reason]:
             if corner
             else Reason(WITH_CARE, f"{text}.")
         )
-    known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
+    well_determined = [
+        float(np.max(fit.sd[p.name])) < UNDETERMINED * abs(float(p.array)) for p in scalars if p.name in fit.sd
+    ]
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
-    if len(known) == len(scalars) > 0 and not any(known) and not informed and not foreign_form(fit):
+    if len(well_determined) == len(scalars) > 0 and not any(well_determined) and not informed and not foreign_form(fit):
         yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
     yield from _steps(fit)
     yield from _facts(fit)
-    far, foreign, wider = [], False, conflict(fit.model)
+    conflicting, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
             off = abs(float(p.array) - float(np.asarray(p.prior.mean)))
             away, sd = off / float(np.max(np.asarray(p.prior.sd))), float(fit.sd.get(p.name, np.nan)) / wider
             if away > SURPRISING:
-                far.append((away, p.name))
+                conflicting.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
-    if far:
-        far.sort(reverse=True)
-        text = listed([f"{name} by {number(away, 2)} sd of the prior" for away, name in far])
-        wide = [name for _, name in far if name in fit.from_prior]
+    if conflicting:
+        conflicting.sort(reverse=True)
+        text = listed([f"{name} by {number(away, 2)} sd of the prior" for away, name in conflicting])
+        wide = [name for _, name in conflicting if name in fit.from_prior]
         both = (
             f" Model errors widen the interval{'s' if wide[1:] else ''} of {listed(wide)}, hence the low precision."
             if wide
@@ -307,19 +309,19 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     judged = [name for name in scores if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(scores)
     outputs = list(dict.fromkeys(output for name in judged for output in scores[name]))
     yield from _divergences(scores, judged, what)
-    useless, beaten, loose = [], [], []
+    useless, beaten, noisy = [], [], []
     for output in outputs:
         errors = {name: scores[name][output] for name in judged if output in scores[name]}
-        left = [_unexplained(error) for error in errors.values()]
+        unexplained = [_unexplained(error) for error in errors.values()]
         by_hold = [_ratio(e, held.get(name, {}).get(output)) for name, e in errors.items() if name in held]
-        if min(left) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
+        if min(unexplained) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
             useless.append(output)
         elif by_hold and np.nanmedian(by_hold) > 1.0:
             beaten.append((output, float(np.nanmax(by_hold))))
-        elif float(np.nanmedian(left)) > UNEXPLAINED:
-            loose.append((output, float(np.nanmedian(left))))
-    lost = [*useless, *(name for name, _ in beaten), *(name for name, share in loose if share >= MEAN)]
-    mostly = len(lost) >= max(0.5 * len(outputs), 2.0)
+        elif float(np.nanmedian(unexplained)) > UNEXPLAINED:
+            noisy.append((output, float(np.nanmedian(unexplained))))
+    poor = [*useless, *(name for name, _ in beaten), *(name for name, share in noisy if share >= MEAN)]
+    mostly = len(poor) >= max(0.5 * len(outputs), 2.0)
     if useless:
         yield Reason(
             NOT_USABLE if mostly or len(useless) > 0.5 * len(outputs) else WITH_CARE,
@@ -334,13 +336,13 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     if mostly and not useless:
         yield Reason(
             NOT_USABLE,
-            f"{what}half of the outputs or more ({listed(lost)}) are predicted no better than by the mean of the "
+            f"{what}half of the outputs or more ({listed(poor)}) are predicted no better than by the mean of the "
             "readings or by the last reading.",
         )
-    for output, share in loose:
+    for output, share in noisy:
         yield Reason(WITH_CARE, f"{what}predictions leave {100 * share:.0f} % of the variance of {output} unexplained.")
     yield from _beside_unfitted(scores, unfitted, judged, outputs, what)
-    best = _told(scores, judged)
+    best = _accuracy(scores, judged)
     if best:
         yield Reason(USABLE, f"{what}{best}.")
 
@@ -351,14 +353,14 @@ def _beside_unfitted(
     """Reasons if the fit made the model worse."""
     ratios = {}
     for output in outputs:
-        each = [
+        ratios_of_output = [
             _ratio(scores[name][output], unfitted[name][output])
             for name in judged
             if output in scores[name] and output in unfitted.get(name, {})
         ]
-        each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
-        if each:
-            ratios[output] = float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6)))))
+        ratios_of_output = [ratio for ratio in ratios_of_output if ratio > 0 and not np.isnan(ratio)]
+        if ratios_of_output:
+            ratios[output] = float(np.exp(np.mean(np.log(np.clip(ratios_of_output, 1e-6, 1e6)))))
     if not ratios:
         return
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
@@ -382,20 +384,20 @@ def _surely_worse(scores: Scores, unfitted: Scores, judged: Sequence[str]) -> bo
     """
     differences, errors, fewest = [], [], np.inf
     for name in judged:
-        for output, own in scores[name].items():
+        for output, error in scores[name].items():
             other = unfitted.get(name, {}).get(output)
-            if other is None or not np.isfinite(own.rmse + other.rmse):
+            if other is None or not np.isfinite(error.rmse + other.rmse):
                 if other is not None and np.isfinite(other.rmse):
                     return True  # it diverges where the unfitted model does not
                 continue
-            if len(own.blocks) != len(other.blocks) or len(own.blocks) < 2 * BLOCK:
+            if len(error.blocks) != len(other.blocks) or len(error.blocks) < 2 * BLOCK:
                 return True  # chance cannot be estimated
-            both = own.rmse**2 + other.rmse**2
-            each = (own.rmse**2 * own.blocks - other.rmse**2 * other.blocks) / both
-            each = each[: len(each) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
-            differences.append(float(np.mean(each)))
-            errors.append(standard_error(each))
-            fewest = min(fewest, len(each))
+            both = error.rmse**2 + other.rmse**2
+            relative = (error.rmse**2 * error.blocks - other.rmse**2 * other.blocks) / both
+            relative = relative[: len(relative) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+            differences.append(float(np.mean(relative)))
+            errors.append(standard_error(relative))
+            fewest = min(fewest, len(relative))
     if not differences:
         return True
     return float(np.mean(differences)) > -float(stdtrit(fewest - 1, BY_CHANCE)) * float(np.mean(errors))
@@ -417,7 +419,7 @@ def _divergences(scores: Scores, judged: Sequence[str], what: str) -> Iterator[R
 
 def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iterator[Reason]:
     """A reason if held-out errors exceed those on the training data."""
-    each = []
+    ratios = []
     for name, errors in scores.items():
         for output, error in errors.items():
             before = trained.get(name, {}).get(output)
@@ -426,12 +428,12 @@ def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iter
                 rmse = before.rmse if isinstance(before, Error) else before["rmse"]
                 ratio = error.rmse / rmse if rmse and rmse > 0 else np.nan
                 by_share = np.sqrt(_unexplained(error) / left_before) if left_before and left_before > 0 else np.nan
-                each.append(np.nanmin([ratio, by_share]) if np.isfinite(ratio) or np.isfinite(by_share) else np.nan)
-    each = [ratio for ratio in each if not np.isnan(ratio)]
-    if each and np.median(each) > FOREIGN:
+                ratios.append(np.nanmin([ratio, by_share]) if np.isfinite(ratio) or np.isfinite(by_share) else np.nan)
+    ratios = [ratio for ratio in ratios if not np.isnan(ratio)]
+    if ratios and np.median(ratios) > FOREIGN:
         yield Reason(
             WITH_CARE,
-            f"{what}errors are {_times(float(np.median(each)))} those on the training data: the fit does not carry "
+            f"{what}errors are {_times(float(np.median(ratios)))} those on the training data: the fit does not carry "
             "over to other data.",
         )
 
@@ -441,7 +443,7 @@ def _trained(fit: Fit) -> Mapping[str, Any]:
     return result
 
 
-def _told(scores: Scores, judged: Sequence[str]) -> str:
+def _accuracy(scores: Scores, judged: Sequence[str]) -> str:
     """Accuracy of the predictions, over the shortest judged horizon."""
     name = judged[0]
     words = {"honest": "one sample ahead", FREE_RUN: "in free run"}.get(name, name.replace("_", " "))
@@ -473,12 +475,12 @@ def _compared(
     for role, protocols in value.items():
         for name, errors in protocols.items():
             for output, error in errors.items():
-                known = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
+                row = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
                 for word, others in (("persistence", held), ("unfitted", unfitted)):
                     other = others.get(role, {}).get(name, {}).get(output)
                     if other is not None:
-                        known[word] = other.rmse
-                result.setdefault(role, {}).setdefault(name, {})[output] = known
+                        row[word] = other.rmse
+                result.setdefault(role, {}).setdefault(name, {})[output] = row
     return result
 
 

@@ -40,10 +40,10 @@ def beyond_noise(fit: Fit, problem: MotionProblem, known: Uncertainty) -> Array:
     known : uncertainty at its optimum.
     """
     size, index = fit.model.size, problem.parameters.index
-    mean = np.zeros((size, problem.layout.size))
-    for at in index:
-        mean[np.arange(size), at] += 1.0 / len(index)
-    noise = mean @ np.where(np.isfinite(known.covariance), known.covariance, 0.0) @ mean.T
+    averaging = np.zeros((size, problem.layout.size))
+    for places in index:
+        averaging[np.arange(size), places] += 1.0 / len(index)
+    noise = averaging @ np.where(np.isfinite(known.covariance), known.covariance, 0.0) @ averaging.T
     sd = np.concatenate([np.broadcast_to(fit.sd.get(p.name, np.nan), p.shape).ravel() for p in fit.model.parameters])
     result = np.diag(np.maximum(np.nan_to_num(sd**2, posinf=0.0) - np.diag(noise), 0.0))
     if fit.covariance is not None:  # files omit covariances of arrays

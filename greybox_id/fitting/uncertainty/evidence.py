@@ -21,7 +21,7 @@ RIDGE = 1e-9
 
 
 @dataclass
-class Squares:
+class OutputEquations:
     """Normal equations of one output's residuals, by all candidate explanations, and the residuals' sum of squares."""
 
     H: Array
@@ -34,39 +34,39 @@ class Squares:
         self.g += wide.T @ residuals
         self.total += float(residuals @ residuals)
 
-    def less(self, sizes: Array) -> float:
+    def explained_share(self, sizes: Array) -> float:
         """Share of the sum of squares that explanations of these sizes remove."""
         gone = -float(sizes @ (2.0 * self.g + self.H @ sizes))
         return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
 
 
 @dataclass
-class Starts:
+class StartEquations:
     """Normal equations of an interval's free starts: their curvature, coupling to all other unknowns, and gradient."""
 
-    by_loose: Array
-    coupled: Array
-    toward: Array
+    curvature: Array
+    coupling: Array
+    gradient: Array
 
     @classmethod
-    def of(cls, few: int, many: int) -> Starts:
+    def of(cls, few: int, many: int) -> StartEquations:
         """Zero for `few` starts and `many` other unknowns."""
         return cls(np.zeros((few, few)), np.zeros((few, many)), np.zeros(few))
 
     def add(self, J: Array, wide: Array, residuals: Array) -> None:
         """Add rows."""
-        self.by_loose += J.T @ J
-        self.coupled += J.T @ wide
-        self.toward += J.T @ residuals
+        self.curvature += J.T @ J
+        self.coupling += J.T @ wide
+        self.gradient += J.T @ residuals
 
-    def take(self, H: Array, g: Array) -> None:
+    def eliminate_from(self, H: Array, g: Array) -> None:
         """Eliminate the starts from the other unknowns' normal equations, in place (Schur complement)."""
-        if len(self.toward):
-            size = np.diag(self.by_loose)
+        if len(self.gradient):
+            size = np.diag(self.curvature)
             unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some have no influence
-            inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
-            H -= self.coupled.T @ inverse @ self.coupled
-            g -= self.coupled.T @ (inverse @ self.toward)
+            inverse = la.pinvh(self.curvature * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
+            H -= self.coupling.T @ inverse @ self.coupling
+            g -= self.coupling.T @ (inverse @ self.gradient)
 
 
 class Joint:

@@ -4,11 +4,11 @@ A model of the right form leaves residuals that depend on nothing: not on speed,
 predictions, nor on time. The residuals of an incomplete model do, and they show only the part of its error that no
 parameter could absorb. The size of the absorbed part, which biased the parameters, is invisible; but both parts belong
 to one error, so that one indicates the size of the other. Here the error of every output is a sum of functions of the
-drive (`_functions`) with normal coefficients of zero mean and one standard deviation, a share of the output's spread.
-Inputs may have errors as well, which affect all outputs at once: a sensor's offset, a ratio that varies, a late
-command. Every input therefore has such functions too (`_of_inputs`), which the model propagates. The share with the
-largest marginal likelihood is taken (empirical Bayes); it is zero if there is nothing to explain. With such an error,
-parameters have a larger covariance and another optimum: intervals include both.
+drive (`_output_error_functions`) with normal coefficients of zero mean and one standard deviation, a share of the
+output's spread. Inputs may have errors as well, which affect all outputs at once: a sensor's offset, a ratio that
+varies, a late command. Every input therefore has such functions too (`_input_errors`), which the model propagates. The
+share with the largest marginal likelihood is taken (empirical Bayes); it is zero if there is nothing to explain. With
+such an error, parameters have a larger covariance and another optimum: intervals include both.
 
 Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001); Brynjarsdottir &
 O'Hagan, Learning about physical parameters: the importance of model discrepancy, Inverse Problems 30 (2014).
@@ -26,7 +26,7 @@ from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..fit import CLEARLY
-from .evidence import SHARES, Joint, Squares, Starts, likeliest
+from .evidence import SHARES, Joint, OutputEquations, StartEquations, likeliest
 from .halves import BLOCKS, BY_CHANCE, HALF, OTHERS, Deviations, mixed_halves, prediction_limit
 
 NOISE_ALONE = (
@@ -110,50 +110,52 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns | None) ->
     x : (unknowns,) an optimum of it.
     nodes : the problem's simulation there; None, for hours of data, makes it here and releases other layouts.
     """
-    here = problem.simulated_nodes(x) if nodes is None else nodes
-    every = max(1, -(-len(here.y) // MOST_ROWS))
+    simulated = problem.simulated_nodes(x) if nodes is None else nodes
+    every = max(1, -(-len(simulated.y) // MOST_ROWS))
     problem.forget_targets()  # for hours of data, they would take memory beside drives and schedules of moved inputs
-    drives, y = list(_drives(problem, here, every)), here.y[::every].copy()
+    series, y = list(_output_series(problem, simulated, every)), simulated.y[::every].copy()
     if nodes is None:
-        del here
+        del simulated
         problem.forget()
-    passed = _of_inputs(problem, x, y, every)
-    here = _foretold(problem, x) if nodes is None else nodes
+    input_errors = _input_errors(problem, x, y, every)
+    simulated = _simulated_in_lanes(problem, x) if nodes is None else nodes
     low, high = problem.bounds
-    kept = problem.free & (x > low) & (x < high)
-    kept[problem.parameters.size :] = False
-    block = BLOCKS * np.arange(len(drives[0].error)) // len(drives[0].error)
-    by_block = _normal_equations(problem, x, here, drives, passed, kept, every, block)
-    count, halves = int(np.sum(kept)), len(drives) + len(passed)
-    sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
-    owner = np.repeat(np.arange(halves + 1), sizes_of)
+    inside = problem.free & (x > low) & (x < high)
+    inside[problem.parameters.size :] = False
+    block = BLOCKS * np.arange(len(series[0].error)) // len(series[0].error)
+    by_block = _normal_equations(problem, x, simulated, series, input_errors, inside, every, block)
+    count, group_of_parts = int(np.sum(inside)), len(series) + len(input_errors)
+    sizes_of = [*(one.columns.shape[1] for one in series), *(one.effect.shape[2] for one in input_errors), count]
+    owner = np.repeat(np.arange(group_of_parts + 1), sizes_of)
     unit = np.ones(len(owner))
-    H, g, alone = _of_two_parts(by_block, tuple(range(HALF)), count)
+    H, g, alone = _for_two_parts(by_block, tuple(range(HALF)), count)
     power = np.diag(H)[-count:] if count else np.zeros(0)
-    whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in drives)
-    unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
+    whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in series)
+    unit[owner == group_of_parts] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
     joint = Joint(H, g, count)
-    shares, gains = likeliest(joint, owner, unit, halves + 1)
+    shares, gains = likeliest(joint, owner, unit, group_of_parts + 1)
     # a change may begin anywhere; intervals use halves only: the best of five splits would widen those of any drive
-    change = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
+    change = _changed(by_block, count, shares, owner, unit, float(gains[group_of_parts]))
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
-    covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
-    of_inputs = [(one, sizes[owner == len(drives) + k]) for k, one in enumerate(passed)]
-    both = np.concatenate([moved, sizes])
+    covariance[np.ix_(inside, inside)] = widened + np.outer(moved, moved)
+    of_inputs = [(one, sizes[owner == len(series) + k]) for k, one in enumerate(input_errors)]
+    estimates = np.concatenate([moved, sizes])
     outputs = {
-        one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs, alone[k].less(both))
-        for k, one in enumerate(drives)
+        one.name: one.seen(
+            float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs, alone[k].explained_share(estimates)
+        )
+        for k, one in enumerate(series)
     }
-    siz = sizes[owner == halves]
+    deviation = sizes[owner == group_of_parts]
     if change.first != HALF:
-        H, siz = _of_part(by_block, tuple(range(change.first)), count, shares, owner, unit)
-    total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
-    explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
+        H, deviation = _deviation_of_part(by_block, tuple(range(change.first)), count, shares, owner, unit)
+    total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in series)
+    explained = float(deviation @ H[-count:, -count:] @ deviation) / max(total, 1e-300) if count else 0.0
     return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), **vars(change))
 
 
-_Normal = tuple[Array, Array, list[Squares]]
+_Normal = tuple[Array, Array, list[OutputEquations]]
 
 
 @dataclass(frozen=True)
@@ -176,40 +178,42 @@ def _changed(by_block: _Normal, count: int, shares: Array, owner: Index, unit: A
     if count == 0:
         return _Change(of_half)
     H, g, _ = by_block
-    given = count, shares, owner, unit
+    model_terms = count, shares, owner, unit
     functions = len(g) - count * BLOCKS
     deviations = Deviations.of(H, g, (shares[owner[:functions]] * unit[:functions]) ** 2, unit[-count:])
     chances = {k: deviations.chance(range(k)) for k in (*OTHERS, HALF)}
-    alone = [deviations.chance([k]) for k in range(BLOCKS)]
-    odd = tuple(k for k, chance in enumerate(alone) if chance < BY_CHANCE / BLOCKS)
+    chance_of_block = [deviations.chance([k]) for k in range(BLOCKS)]
+    odd = tuple(k for k, chance in enumerate(chance_of_block) if chance < BY_CHANCE / BLOCKS)
     best = min(chances, key=lambda k: chances[k])
-    if best != HALF and chances[best] < min(BY_CHANCE / len(OTHERS), *alone):
-        gain = _gain(by_block, tuple(range(best)), *given)
+    if best != HALF and chances[best] < min(BY_CHANCE / len(OTHERS), *chance_of_block):
+        gain = _evidence_of_part(by_block, tuple(range(best)), *model_terms)
         if gain > CLEARLY:
             return _Change(gain, best, apart=True, odd=odd)
     if not of_half > CLEARLY:
         return _Change(of_half, odd=odd)
-    mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
-    beyond = of_half > prediction_limit(np.sqrt(mixed)) ** 2  # square roots of such gains are nearly normal
-    return _Change(of_half, apart=chances[HALF] < BY_CHANCE, mixed=beyond, odd=odd)
+    mixed = [_evidence_of_part(by_block, one, *model_terms) for one in mixed_halves()]
+    stands_out = of_half > prediction_limit(np.sqrt(mixed)) ** 2  # square roots of such gains are nearly normal
+    return _Change(of_half, apart=chances[HALF] < BY_CHANCE, mixed=stands_out, odd=odd)
 
 
-def _of_part(
+def _deviation_of_part(
     by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array
 ) -> tuple[Array, Array]:
     """Curvature with other parameters in all blocks but the `first`, and the estimated deviation of these parameters.
 
     Parameters
     ----------
-    count, shares, owner, unit : as in `_gain`.
+    count, shares, owner, unit : as in `_evidence_of_part`.
     """
-    H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
+    H, g, _ = _for_two_parts((*by_block[:2], []), first, count)
     joint = Joint(H, g, count)
     variances = [(np.append(shares[:-1], share)[owner] * unit) ** 2 for share in SHARES]
     return H, joint.beside(max(variances, key=joint.evidence))[2][-count:]
 
 
-def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:
+def _evidence_of_part(
+    by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array
+) -> float:
     """Log evidence of other parameters in all blocks but the `first`, in addition to functions of these shares.
 
     Parameters
@@ -217,7 +221,7 @@ def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, ow
     count : number of parameters.
     shares, owner, unit : as in `likeliest`; the last group is that of the parameters.
     """
-    H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
+    H, g, _ = _for_two_parts((*by_block[:2], []), first, count)
     joint, tried = Joint(H, g, count), []
     for share in SHARES:
         of_group = np.append(shares[:-1], share)
@@ -225,7 +229,7 @@ def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, ow
     return max(tried) - tried[0]
 
 
-def _of_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Normal:
+def _for_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Normal:
     """Normal equations for two parts of the rows, from those by block of `_normal_equations`.
 
     Either part may have the other parameters; here it is the one without block 0.
@@ -236,12 +240,12 @@ def _of_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Norma
     both = np.zeros((len(g), rest + count))
     both[:rest, :rest] = np.eye(rest)
     both[rest:, rest:] = np.kron(np.array(other)[:, None], np.eye(count))
-    of_outputs = [Squares(both.T @ one.H @ both, both.T @ one.g, one.total) for one in alone]
+    of_outputs = [OutputEquations(both.T @ one.H @ both, both.T @ one.g, one.total) for one in alone]
     return both.T @ H @ both, both.T @ g, of_outputs
 
 
 @dataclass(frozen=True)
-class _Passed:
+class _InputErrors:
     """Effects of errors of one input on the predictions.
 
     Attributes
@@ -257,7 +261,7 @@ class _Passed:
 
 
 @dataclass(frozen=True)
-class _Drive:
+class _OutputSeries:
     """One output along all intervals, row by row.
 
     Attributes
@@ -286,7 +290,7 @@ class _Drive:
     correlation: float
 
     def seen(
-        self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]], explained: float
+        self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_InputErrors, Array]], explained: float
     ) -> OutputForm:
         """Summary of the residuals, given the estimated sizes of functions of the drive and of errors of inputs."""
         unit = 1.0 / self.weight[self.read]
@@ -309,13 +313,13 @@ class _Drive:
         )  # fmt: skip
 
 
-def _foretold(problem: MotionProblem, x: Array) -> SimulatedRuns:
+def _simulated_in_lanes(problem: MotionProblem, x: Array) -> SimulatedRuns:
     """The simulation in the lanes of the linearisation: in others, readings would be laid out twice."""
     problem.normal_equations(x, problem.simulated_nodes(x))
     return problem.simulated_nodes(x)
 
 
-def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
+def _output_series(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_OutputSeries]:
     model, runs = problem.model, problem.runs
     errors = problem.errors(nodes)[::every].copy()
     inputs = np.vstack([runs[i.run].inputs[i.start : i.stop] for i in problem.intervals])
@@ -338,17 +342,17 @@ def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterato
         weight = np.where(read, problem.weight[::every, k], 0.0)
         spread = float(np.std(reading[read]))
         columns, words = [np.zeros(count)], ["nothing"]
-        for word, values in _functions(name, table, rates, quarter, model.inputs):
+        for word, values in _output_error_functions(name, table, rates, quarter, model.inputs):
             power = float(np.sqrt(np.mean(values[read] ** 2)))
             if np.isfinite(power) and power > 1e-9 * float(np.max(np.abs(values), initial=0.0)):
                 columns.append(values * (spread / power) * weight)
                 words.append(word)
         table_of = np.column_stack(columns)
         alone, correlation = _unexplained(table_of[read], (error * weight)[read])
-        yield _Drive(name, k, error, reading, read, weight, table_of, words, edges, alone, correlation)
+        yield _OutputSeries(name, k, error, reading, read, weight, table_of, words, edges, alone, correlation)
 
 
-def _functions(
+def _output_error_functions(
     name: str, table: Mapping[str, Array], rates: Mapping[str, Array], quarter: Index, inputs: Sequence[str]
 ) -> Iterator[tuple[str, Array]]:
     """Functions to which the error of an output may be proportional: words and (N,) values."""
@@ -375,9 +379,9 @@ def _functions(
             yield f"the rate of change of {other}", rates[other]
 
 
-def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_Passed]:
+def _input_errors(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_InputErrors]:
     """Effects of each input's errors, by simulations with slightly changed inputs; `y`: predictions of these rows."""
-    runs, result = problem.runs, list[_Passed]()
+    runs, result = problem.runs, list[_InputErrors]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
     one = len(runs) == 1  # no second copy of what may be hours of data
     time = runs[0].time if one else np.concatenate([run.time for run in runs])
@@ -388,7 +392,7 @@ def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_
         if not spread > 1e-9 * max(1.0, float(np.max(np.abs(u)))):
             continue
         words, effects = [], []
-        for word, values in _errors_of_input(name, table, _rate(u, time, edges), spread):
+        for word, values in _input_error_functions(name, table, _rate(u, time, edges), spread):
             power = float(np.sqrt(np.mean(values**2)))
             if not 0.0 < power < np.inf:
                 continue
@@ -400,11 +404,13 @@ def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:
-            result.append(_Passed(name, words, np.stack(effects, axis=2)))
+            result.append(_InputErrors(name, words, np.stack(effects, axis=2)))
     return result
 
 
-def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
+def _input_error_functions(
+    name: str, table: Mapping[str, Array], du: Array, spread: float
+) -> Iterator[tuple[str, Array]]:
     """Functions that the error of an input may be proportional to: words and (n,) values."""
     u, v = table[name], table.get("v_x")
     yield f"an offset of the {name} signal", np.ones(len(u))
@@ -439,9 +445,9 @@ def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
 
 
 def _normal_equations(
-    problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
-    kept: Mask, every: int, part: Index,
-) -> tuple[Array, Array, list[Squares]]:  # fmt: skip
+    problem: MotionProblem, x: Array, nodes: SimulatedRuns, series: Sequence[_OutputSeries],
+    input_errors: Sequence[_InputErrors], kept: Mask, every: int, part: Index,
+) -> tuple[Array, Array, list[OutputEquations]]:  # fmt: skip
     """Normal equations of the kept parameters, of the coefficients of functions of the drive and of errors of inputs,
     and of deviations of kept parameters in each of the `BLOCKS` parts of the rows but the first, `part` (N,); and those
     of each output.
@@ -449,18 +455,18 @@ def _normal_equations(
     Residuals are weighted by their effective number. Initial states are eliminated, interval by interval.
     """
     place, count = np.cumsum(kept) - 1, int(np.sum(kept))
-    firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
-    common = np.dstack([one.effect for one in passed]) if passed else np.zeros((*nodes.y[::every].shape, 0))
+    firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in series])]).astype(int)
+    common = np.dstack([one.effect for one in input_errors]) if input_errors else np.zeros((*nodes.y[::every].shape, 0))
     last = int(firsts[-1]) + common.shape[2]
     size = last + count * (BLOCKS - 1)
     H, g = np.zeros((size, size)), np.zeros(size)
-    H[:count, :count] = problem.believed[np.ix_(kept, kept)]
-    g[:count] = problem.pull_of_priors(x)[kept]
+    H[:count, :count] = problem.prior_curvature[np.ix_(kept, kept)]
+    g[:count] = problem.prior_gradient(x)[kept]
     first_loose = problem.parameters.size
-    alone = [Squares(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in drives]
+    alone = [OutputEquations(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in series]
     theirs = list(problem.rows_of_intervals(nodes))
     loose_of = [index >= first_loose for index in problem.layout.index]
-    eliminated = [Starts.of(int(np.sum(loose)), len(g)) for loose in loose_of]
+    eliminated = [StartEquations.of(int(np.sum(loose)), len(g)) for loose in loose_of]
     for k, begin, residuals, J in problem.parts(x, nodes):
         rows = theirs[k][begin : begin + len(residuals)]
         chosen = rows % every == 0
@@ -468,7 +474,7 @@ def _normal_equations(
         index, loose = problem.layout.index[k], loose_of[k]
         there = kept[index]
         at = place[index[there]]
-        for one, first, squares in zip(drives, firsts[:-1], alone, strict=True):
+        for one, first, squares in zip(series, firsts[:-1], alone, strict=True):
             scale = 1.0 / np.sqrt(one.alone)
             r, by_p = residuals[:, one.place] * scale, J[:, one.place] * scale
             elsewhere = (r == 0.0) & np.all(by_p == 0.0, axis=1)  # in another part, or without a reading
@@ -484,5 +490,5 @@ def _normal_equations(
     H += sum(one.H for one in alone)
     g += sum(one.g for one in alone)
     for starts in eliminated:
-        starts.take(H, g)
+        starts.eliminate_from(H, g)
     return H, g, alone

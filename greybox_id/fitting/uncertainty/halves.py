@@ -69,10 +69,10 @@ class Deviations:
         A = (H[:last, :last] + np.diag(free))[np.ix_(used, used)]
         size = np.diag(A)
         scale = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)
-        beside = H[:last, last:][used] * scale[:, None]
+        coupling = H[:last, last:][used] * scale[:, None]
         inverse = la.pinvh(A * np.outer(scale, scale) + RIDGE * np.eye(len(scale)))
-        curvature = H[last:, last:] - beside.T @ inverse @ beside
-        gradient = g[last:] - beside.T @ (inverse @ (g[:last][used] * scale))
+        curvature = H[last:, last:] - coupling.T @ inverse @ coupling
+        gradient = g[last:] - coupling.T @ (inverse @ (g[:last][used] * scale))
         return cls(0.5 * (curvature + curvature.T), gradient, unit)
 
     def chance(self, first: Sequence[int]) -> float:
@@ -85,10 +85,10 @@ class Deviations:
         shares = [self._along(between, share) for share in SHARES[1:]]
         best = int(np.argmax([one.evidence for one in shares]))
         parts, blocks = shares[best], [self._along(one, SHARES[1:][best]) for one in within]
-        scatter, free = sum(one.gain for one in blocks), sum(one.freedom for one in blocks)
-        if not (scatter > 0.0 and free > 0.0 and parts.freedom > 0.0):
+        scatter_gain, free = sum(one.gain for one in blocks), sum(one.freedom for one in blocks)
+        if not (scatter_gain > 0.0 and free > 0.0 and parts.freedom > 0.0):
             return 1.0
-        ratio = parts.gain / parts.freedom / (scatter / free)
+        ratio = parts.gain / parts.freedom / (scatter_gain / free)
         return float(fdtrc(_degrees([parts]), _degrees(blocks), ratio))
 
     def _along(self, contrast: Array, share: float) -> _Along:

@@ -181,7 +181,7 @@ def left_open(fit: Fit) -> Identifiability | None:
     return identifiability([*free], x, inside, prior_sd=prior_sd, units=[p.unit for p in parameters])
 
 
-def told_together(fit: Fit) -> list[str]:
+def combination_sentences(fit: Fit) -> list[str]:
     """Sentences on parameters identifiable only in combination; single ones have notes of their own."""
     identifiability = left_open(fit)
     if identifiability is None:

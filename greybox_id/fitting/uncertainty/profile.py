@@ -140,7 +140,7 @@ def profile(
     nodes: Matched,
     index: int,
     *,
-    told: Uncertainty | None = None,
+    known: Uncertainty | None = None,
     confidence: float = 0.95,
     wider: float = 1.0,
 ) -> Profile:
@@ -152,7 +152,7 @@ def profile(
     x : (unknowns,) an optimum of it.
     nodes : the problem's simulation there.
     index : index of the unknown.
-    told : uncertainty at the optimum, if already known.
+    known : uncertainty at the optimum, if already known.
     confidence : of the interval.
     wider : ratio of the fit's standard deviation to that of the noise alone, at least 1.
 
@@ -162,13 +162,13 @@ def profile(
     """
     if not problem.free[index]:
         raise BadInput(f"The quantity with index {index} is fixed; only quantities that are fitted have a profile.")
-    told = told or uncertainty(problem, x, nodes)
-    inflation, sd = float(told.inflation[index]), float(told.sd[index])
-    allowed = 0.5 * inflation * float(told.quantile(confidence)[index]) ** 2
-    half = sd * float(told.quantile(confidence)[index])
-    if not (np.isfinite(half) and half > 0.0):
-        half = max(abs(float(x[index])), 1.0)
-    goals = _Goal(allowed, half), _Goal(wider**2 * allowed, wider * half)
+    known = known or uncertainty(problem, x, nodes)
+    inflation, sd = float(known.inflation[index]), float(known.sd[index])
+    allowed = 0.5 * inflation * float(known.quantile(confidence)[index]) ** 2
+    half_width = sd * float(known.quantile(confidence)[index])
+    if not (np.isfinite(half_width) and half_width > 0.0):
+        half_width = max(abs(float(x[index])), 1.0)
+    goals = _Goal(allowed, half_width), _Goal(wider**2 * allowed, wider * half_width)
     walk = _Walk(problem, x, problem.objective(x, nodes), index, goals)
     lower, upper = walk.towards(-1), walk.towards(1)
     points = [*lower.points[:0:-1], *upper.points]

@@ -116,21 +116,32 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     place = np.where(local, np.cumsum(local), np.cumsum(kept)) - 1  # index among the local, or the kept unknowns
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
     H, scores = np.zeros((count, size, size)), np.zeros((count, size))
-    pull, alone, independent, dof = np.zeros((few, size)), np.zeros((few, few)), np.zeros((few, few)), np.ones(few)
+    pull, local_covariance, independent, dof = (
+        np.zeros((few, size)),
+        np.zeros((few, few)),
+        np.zeros((few, few)),
+        np.ones(few),
+    )
     for k, start, residuals, J in plan.parts or _parts(problem, x, nodes):
         of = problem.layout.index[k]
-        theirs = of[local[of]]
-        by_kept, by_local = (J[:, :, kept[of]], J[:, :, local[of]]) if len(theirs) else (J, J[:, :, :0])
-        if len(theirs):
-            flat, value, everything = by_local.reshape(-1, len(theirs)), place[theirs], place[of[kept[of]]]
-            prior, informed = P[theirs].toarray(), flat.T @ flat
-            believed, coupling = prior[:, theirs], prior[:, kept]
-            coupling[:, everything] += flat.T @ by_kept.reshape(len(flat), -1)
-            inverse = la.pinvh(informed + believed)
-            pull[value], independent[np.ix_(value, value)] = inverse @ coupling, inverse
-            alone[np.ix_(value, value)] = inverse @ (plan.variance * plan.correlation * informed + believed) @ inverse
-            dof[value] = max(1.0, len(residuals) / plan.correlation)
-            by_kept = by_kept - by_local @ pull[value][:, everything]
+        local_of_piece = of[local[of]]
+        by_kept, by_local = (J[:, :, kept[of]], J[:, :, local[of]]) if len(local_of_piece) else (J, J[:, :, :0])
+        if len(local_of_piece):
+            flat, places_local, places_kept = (
+                by_local.reshape(-1, len(local_of_piece)),
+                place[local_of_piece],
+                place[of[kept[of]]],
+            )
+            prior, informed = P[local_of_piece].toarray(), flat.T @ flat
+            prior_block, coupling = prior[:, local_of_piece], prior[:, kept]
+            coupling[:, places_kept] += flat.T @ by_kept.reshape(len(flat), -1)
+            inverse = la.pinvh(informed + prior_block)
+            pull[places_local], independent[np.ix_(places_local, places_local)] = inverse @ coupling, inverse
+            local_covariance[np.ix_(places_local, places_local)] = (
+                inverse @ (plan.variance * plan.correlation * informed + prior_block) @ inverse
+            )
+            dof[places_local] = max(1.0, len(residuals) / plan.correlation)
+            by_kept = by_kept - by_local @ pull[places_local][:, places_kept]
         cuts = np.clip(plan.edges - plan.first[k % problem.copies] - start, 0, len(residuals))
         among = place[of[kept[of]]]
         for g in np.flatnonzero(np.diff(cuts)):
@@ -144,7 +155,7 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     whole = np.zeros((len(kept), size))  # change of all unknowns with a kept one
     whole[kept], whole[local] = np.eye(size), -pull
     return Blocks(
-        kept, H, scores, whole.T @ (P @ whole), pull, alone, independent, dof,
+        kept, H, scores, whole.T @ (P @ whole), pull, local_covariance, independent, dof,
         float(plan.first[-1]) / count, plan.correlation, plan.variance,
     )  # fmt: skip
 
@@ -170,7 +181,7 @@ class _Plan:
 
 def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     size, index = problem.layout.size, problem.layout.index
-    curvature, telling, pieces = (problem.R.T @ problem.R).diagonal(), np.zeros(size), np.zeros(size)
+    curvature, informing_rows, pieces = (problem.R.T @ problem.R).diagonal(), np.zeros(size), np.zeros(size)
     series: list[list[tuple[int, Array]]] = [[] for _ in range(problem.copies)]
     squares, seen, in_parts = 0.0, set[int](), np.zeros(size, dtype=bool)
     linearised: list[_Part] = []
@@ -190,16 +201,16 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
             series[k].append((start, residuals))
     lengths = np.array([max(start + len(item) for start, item in parts) for parts in series])
     for k in range(problem.copies):
-        telling[index[k]] += lengths[k]
+        informing_rows[index[k]] += lengths[k]
     first = np.concatenate([[0], np.cumsum(lengths)])
-    together = np.zeros((int(first[-1]), series[0][0][1].shape[1]))
+    residuals_in_order = np.zeros((int(first[-1]), series[0][0][1].shape[1]))
     for k, parts in enumerate(series):
         for start, item in parts:  # a row in two parts is zero in one of them
-            together[first[k] + start : first[k] + start + len(item)] += item
-    total, correlation = len(together), correlation_time(together)
-    local = (pieces == 1) & ~in_parts & (telling < LOCAL * total) & (curvature > 0.0) & problem.free & ~keep
+            residuals_in_order[first[k] + start : first[k] + start + len(item)] += item
+    total, correlation = len(residuals_in_order), correlation_time(residuals_in_order)
+    local = (pieces == 1) & ~in_parts & (informing_rows < LOCAL * total) & (curvature > 0.0) & problem.free & ~keep
     short = np.array([np.any(local[index[k]]) for k in range(problem.copies)])
-    fewest = float(np.min(telling[problem.free & ~local & (telling > 0.0)], initial=total))
+    fewest = float(np.min(informing_rows[problem.free & ~local & (informing_rows > 0.0)], initial=total))
     longest = float(np.max(lengths[short], initial=1))
     least = max(LONGER * correlation, min(total / MOST, fewest / FEWEST), longest)
     count = max(1, round(total / max(1.0, min(least, total / FEWEST))))
@@ -207,7 +218,9 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     piece = np.clip(np.searchsorted(first, edges, "right") - 1, 0, len(lengths) - 1)
     begin, end = first[piece], first[piece + 1]
     edges = np.unique(np.where(short[piece], np.where(edges - begin < end - edges, begin, end), edges))
-    return _Plan(local, edges, first, correlation, squares / max(1, int(np.count_nonzero(together))), linearised)
+    return _Plan(
+        local, edges, first, correlation, squares / max(1, int(np.count_nonzero(residuals_in_order))), linearised
+    )
 
 
 def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[_Part]:
@@ -299,36 +312,36 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     """
     low, high = problem.bounds
     at_bound = problem.free & ((x <= low) | (x >= high))
-    told_by = blocks(problem, x, nodes, keep=at_bound)
-    kept, H = np.flatnonzero(told_by.kept), told_by.prior + np.sum(told_by.H, axis=0)
-    known = problem.free[kept] & (np.diag(H) > 0.0)
-    stopped, untold = at_bound[kept] & known, kept[problem.free[kept] & ~known]
-    inside = _sandwich(told_by, H, known & ~stopped)
-    of_kept, centre, dof, whole = inside.covariance, x.copy(), np.empty(len(x)), inside
-    dof[kept], dof[~told_by.kept] = inside.dof, told_by.local_dof
+    scores = blocks(problem, x, nodes, keep=at_bound)
+    kept, H = np.flatnonzero(scores.kept), scores.prior + np.sum(scores.H, axis=0)
+    informed = problem.free[kept] & (np.diag(H) > 0.0)
+    stopped, uninformed = at_bound[kept] & informed, kept[problem.free[kept] & ~informed]
+    within_bounds = _sandwich(scores, H, informed & ~stopped)
+    of_kept, centre, dof, without_bounds = within_bounds.covariance, x.copy(), np.empty(len(x)), within_bounds
+    dof[kept], dof[~scores.kept] = within_bounds.dof, scores.local_dof
     if np.any(stopped):
         gradient = problem.normal_equations(x, nodes).g
-        beyond, step = _released(told_by, H, known, gradient[kept] - told_by.pull.T @ gradient[~told_by.kept])
-        whole, value = _sandwich(beyond, H, known), kept[stopped]
-        centre[value], dof[value] = x[value] + step[stopped], whole.dof[stopped]
-        outward = np.where(x[value] <= low[value], -1.0, 1.0) * step[stopped]
-        free_to = whole.covariance[np.ix_(stopped, stopped)]
-        of_kept = of_kept + _off_bounds(H, known, stopped, outward, (high - low)[value], free_to)
-    covariance = told_by.over_all(of_kept, told_by.local)
-    independent = told_by.over_all(inside.independent, told_by.local_independent)
-    released = told_by.over_all(whole.covariance, told_by.local)
-    released_independent = told_by.over_all(whole.independent, told_by.local_independent)
+        beyond, step = _released(scores, H, informed, gradient[kept] - scores.pull.T @ gradient[~scores.kept])
+        without_bounds, at_bounds = _sandwich(beyond, H, informed), kept[stopped]
+        centre[at_bounds], dof[at_bounds] = x[at_bounds] + step[stopped], without_bounds.dof[stopped]
+        outward = np.where(x[at_bounds] <= low[at_bounds], -1.0, 1.0) * step[stopped]
+        free_to = without_bounds.covariance[np.ix_(stopped, stopped)]
+        of_kept = of_kept + _off_bounds(H, informed, stopped, outward, (high - low)[at_bounds], free_to)
+    covariance = scores.over_all(of_kept, scores.local)
+    independent = scores.over_all(within_bounds.independent, scores.local_independent)
+    released = scores.over_all(without_bounds.covariance, scores.local)
+    released_independent = scores.over_all(without_bounds.independent, scores.local_independent)
     for each in (covariance, independent, released, released_independent):
-        each[untold, untold] = np.inf
+        each[uninformed, uninformed] = np.inf
     variance, of_independent = np.diag(covariance).copy(), np.diag(independent).copy()
     if np.any(stopped):
-        variance[value] = np.diag(whole.covariance)[stopped]
-        of_independent[value] = np.diag(whole.independent)[stopped]
+        variance[at_bounds] = np.diag(without_bounds.covariance)[stopped]
+        of_independent[at_bounds] = np.diag(without_bounds.independent)[stopped]
     comparable = np.isfinite(variance) & (of_independent > 0.0)
     inflation = np.divide(variance, of_independent, out=np.ones(len(x)), where=comparable)
     return Uncertainty(
         covariance, independent, released, released_independent, dof, inflation, centre,
-        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(told_by.H), told_by.rows, told_by.correlation,
+        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(scores.H), scores.rows, scores.correlation,
     )  # fmt: skip
 
 
@@ -363,7 +376,7 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     if size > MANY:
         return _uncorrected(blocks, H, free, U)
     middle = np.zeros((size, size))
-    value, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
+    diagonal_of_blocks, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
     for g, (of_block, score) in enumerate(zip(blocks.H, blocks.scores, strict=True)):
         share, Q = np.linalg.eigh(U @ of_block[among] @ U.T)
         share = np.clip(share, 0.0, 1.0)
@@ -372,20 +385,22 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
         corrected = Q @ (correction * (Q.T @ (U @ score[free])))
         middle += np.outer(corrected, corrected) + blocks.lone_variance * (Q * lost) @ Q.T
         turned = Q.T @ U
-        value[g] = (share * correction**2 + lost) @ turned**2
+        diagonal_of_blocks[g] = (share * correction**2 + lost) @ turned**2
         pulled[:, g] = (Q @ ((share * correction)[:, None] * turned)).T
     between = pulled @ pulled.transpose(0, 2, 1)
     shared = np.diagonal(between, axis1=1, axis2=2)
-    diagonal = value.T - shared
+    diagonal = diagonal_of_blocks.T - shared
     trace = np.sum(diagonal, axis=1)
     squares = np.sum(between**2, axis=(1, 2)) + np.sum(diagonal**2 - shared**2, axis=1)
     middle /= 1.0 - blocks.missed
-    believed = U @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ U.T
-    by_data, by_prior = (np.einsum("pj,pq,qj->j", U, part, U, optimize=True) for part in (middle, believed))
-    known = (by_data > 0.0) & (squares > 0.0)
-    of_data = by_data[known] / (by_data + by_prior)[known]
-    result.covariance[among], result.independent[among] = U.T @ (middle + believed) @ U, U.T @ U
-    result.dof[np.flatnonzero(free)[known]] = np.maximum(trace[known] ** 2 / squares[known], 1.0) / of_data**2
+    prior_turned = U @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ U.T
+    by_data, by_prior = (np.einsum("pj,pq,qj->j", U, part, U, optimize=True) for part in (middle, prior_turned))
+    determined = (by_data > 0.0) & (squares > 0.0)
+    of_data = by_data[determined] / (by_data + by_prior)[determined]
+    result.covariance[among], result.independent[among] = U.T @ (middle + prior_turned) @ U, U.T @ U
+    result.dof[np.flatnonzero(free)[determined]] = (
+        np.maximum(trace[determined] ** 2 / squares[determined], 1.0) / of_data**2
+    )
     return result
 
 

@@ -75,12 +75,12 @@ def of_stated(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -
     stated = [p.name for p in scalars if p.fixed and (p.name not in model.effects or p.name in FACTS)]
     if not free:
         return {"scaling": {}, "contradicted": {}}
-    follows = {name: _follows(problem, model, name) for name in {*stated, *(p.name for p in free)}}
-    plain = [name for name in stated if name not in model.effects]
-    scaled = _scaling(model, {name: follows[name] for name in plain}, {p.name: follows[p.name] for p in free})
+    follows = {name: _effect(problem, model, name) for name in {*stated, *(p.name for p in free)}}
+    without_effects = [name for name in stated if name not in model.effects]
+    scaled = _scaling(model, {name: follows[name] for name in without_effects}, {p.name: follows[p.name] for p in free})
     facts = {fact: [follows[n] for n in names] for fact, names in FACTS.items() if {*names} <= {*stated}}
-    wanted = _wanted(problem, fit, free, follows, {fact: np.sum(moved, axis=0) for fact, moved in facts.items()})
-    contradicted = {name: w for name, w in wanted.items() if abs(w[0]) > max(OFF[name], CONTRADICTED * w[1])}
+    suggested = _suggested(problem, fit, free, follows, {fact: np.sum(moved, axis=0) for fact, moved in facts.items()})
+    contradicted = {name: w for name, w in suggested.items() if abs(w[0]) > max(OFF[name], CONTRADICTED * w[1])}
     return {"scaling": scaled, "contradicted": contradicted}
 
 
@@ -88,18 +88,18 @@ def _scaling(model: Model, stated: Mapping[str, Array], free: Mapping[str, Array
     """Stated parameter -> estimates and combinations proportional to it."""
     table = np.column_stack([*free.values()])
     result: dict[str, list[str]] = {}
-    for name, moved in stated.items():
-        taken_back = -np.linalg.lstsq(table, moved, rcond=1e-9)[0]
-        if float(np.sum((moved + table @ taken_back) ** 2)) > EXACTLY * float(np.sum(moved**2)):
+    for name, effect in stated.items():
+        compensation = -np.linalg.lstsq(table, effect, rcond=1e-9)[0]
+        if float(np.sum((effect + table @ compensation) ** 2)) > EXACTLY * float(np.sum(effect**2)):
             continue
-        exponents = dict(zip(free, taken_back.tolist(), strict=True))
-        known = exponents | _of_combinations(model, exponents | {name: 1.0})
-        scaled = [other for other, exponent in known.items() if abs(exponent - 1.0) < ALIKE]
+        exponents = dict(zip(free, compensation.tolist(), strict=True))
+        all_exponents = exponents | _of_combinations(model, exponents | {name: 1.0})
+        scaled = [other for other, exponent in all_exponents.items() if abs(exponent - 1.0) < ALIKE]
         result |= {name: scaled} if scaled else {}
     return result
 
 
-def _wanted(
+def _suggested(
     problem: MotionProblem,
     fit: Fit,
     free: Sequence[Parameter],
@@ -112,26 +112,26 @@ def _wanted(
     error = (problem.target - problem.predicted_readings(problem.unknowns(fit.model.values)[None])[0]) * weight
     seen = np.isfinite(error) & (weight > 0)
     error, weight = np.where(seen, error, 0.0).ravel(), np.where(seen, weight, 0.0).ravel()
-    pull, towards = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
+    prior_curvature, prior_gradient = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
     for k, p in enumerate(free):
         if p.prior is not None and p.prior.mean is not None:
             value, sd = float(p.array), float(np.max(np.asarray(p.prior.sd)))
-            pull[k, k] = (value / sd) ** 2
-            towards[k] = value * (float(np.max(np.asarray(p.prior.mean))) - value) / sd**2
+            prior_curvature[k, k] = (value / sd) ** 2
+            prior_gradient[k] = value * (float(np.max(np.asarray(p.prior.mean))) - value) / sd**2
     blocks = np.array_split(np.arange(len(error)), BLOCKS)
     result = {}
-    for fact, moved in facts.items():
-        table = np.column_stack([*(follows[p.name] for p in free), moved]) * weight[:, None]
+    for fact, effect in facts.items():
+        table = np.column_stack([*(follows[p.name] for p in free), effect]) * weight[:, None]
         H = np.array([table[rows].T @ table[rows] for rows in blocks])
         g = np.array([table[rows].T @ error[rows] for rows in blocks])
-        whole, gradient = H.sum(axis=0) + pull, g.sum(axis=0) + towards
-        taken_back = _solved(whole[:-1, :-1], whole[:-1, -1])
-        if whole[-1, -1] - whole[-1, :-1] @ taken_back < EXACTLY * whole[-1, -1]:
+        whole, gradient = H.sum(axis=0) + prior_curvature, g.sum(axis=0) + prior_gradient
+        compensation = _solved(whole[:-1, :-1], whole[:-1, -1])
+        if whole[-1, -1] - whole[-1, :-1] @ compensation < EXACTLY * whole[-1, -1]:
             continue  # neither readings nor tolerances determine it
         steps = [_solved(whole, gradient)[-1], *(_solved(whole - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
-        by_rows = (BLOCKS - 1) * float(np.var(steps[1:]))
+        row_variance = (BLOCKS - 1) * float(np.var(steps[1:]))
         follows_of = _solved(whole, np.eye(len(whole))[-1])  # change of the fact with the mean of a tolerance
-        result[fact] = (float(steps[0]), float(np.sqrt(by_rows + follows_of @ pull @ follows_of)))
+        result[fact] = (float(steps[0]), float(np.sqrt(row_variance + follows_of @ prior_curvature @ follows_of)))
     return result
 
 
@@ -141,7 +141,7 @@ def _solved(H: Array, g: Array) -> Array:
     return np.asarray(np.linalg.lstsq(H / np.outer(scale, scale), g / scale, rcond=1e-10)[0] / scale)
 
 
-def _follows(problem: MotionProblem, model: Model, name: str) -> Array:
+def _effect(problem: MotionProblem, model: Model, name: str) -> Array:
     """(readings,) change of the predictions per relative change of a parameter."""
     both = []
     place = {item.name: place for item, place in placed(model.parameters)}[name]

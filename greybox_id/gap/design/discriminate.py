@@ -334,8 +334,8 @@ class _Rivals:
                 settled = best - value < SETTLED
                 best, at, moving, damping = value, x, there, 0.1 * damping
                 W = both[:, 1:]
-                H = W.T @ W + problem.believed[np.ix_(moving, moving)]
-                g = W.T @ both[:, 0] + problem.pull_of_priors(x)[moving]
+                H = W.T @ W + problem.prior_curvature[np.ix_(moving, moving)]
+                g = W.T @ both[:, 0] + problem.prior_gradient(x)[moving]
                 scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
                 if settled:
                     break

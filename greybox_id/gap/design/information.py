@@ -166,7 +166,7 @@ class Information:
             flat = by_start.reshape(-1, by_start.shape[2])
             if flat.shape[1]:  # starts of predictions are nuisances, known by noisy readings alone
                 starts = value[loose[value]]
-                inner = flat.T @ flat + problem.believed[np.ix_(starts, starts)]
+                inner = flat.T @ flat + problem.prior_curvature[np.ix_(starts, starts)]
                 pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
                 by = by - (flat @ pull).reshape(by.shape)
             H[run] += by.reshape(-1, q).T @ by.reshape(-1, q)

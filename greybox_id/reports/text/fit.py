@@ -14,7 +14,7 @@ from ...base.numbers import counted, interval, number, percent, pretty_unit, wit
 from ...base.signals import unit_of
 from ...fitting.fit import Fit, Verdict
 from ...fitting.provenance import DataRecord, Stage
-from ...fitting.uncertainty.identifiability import absent, told_together
+from ...fitting.uncertainty.identifiability import absent, combination_sentences
 from ...models.model import Model, by_kind
 from ...models.parameter import Parameter, Prior
 from .screen import plain, plain_table
@@ -186,7 +186,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
             table.add_row(c.name, with_sd(c.value, c.sd), interval(c.low, c.high, c.sd), pretty_unit(c.unit), c.about)
         yield ""
         yield table
-    sentences = told_together(result)
+    sentences = combination_sentences(result)
     if sentences:
         yield ""
     for sentence in sentences[:MOST_OPEN]:

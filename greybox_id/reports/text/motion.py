@@ -15,7 +15,7 @@ from ...base.signals import unit_of
 from ...fitting.fit import Fit
 from ...fitting.provenance import DataRecord, Stage
 from ...fitting.scores.metrics import FREE_RUN
-from ...fitting.uncertainty.identifiability import told_together
+from ...fitting.uncertainty.identifiability import combination_sentences
 from ...models.motion_model import MotionModel
 from .fit import error_parts, more_data, solver_lines, stage_lines
 from .screen import plain_table
@@ -49,7 +49,7 @@ def _data(model: MotionModel, result: Fit, body: Mapping[str, Any]) -> dict[str,
         "combinations": body["combinations"],
         "covariance": covariance,
         "correlation": None if covariance is None else _correlation(covariance),
-        "open": told_together(result),
+        "open": combination_sentences(result),
         "how": body["how"],
         "noise": dict(result.stages[-1].noise),
     }

@@ -5,7 +5,7 @@ import pytest
 
 from greybox_id.engine.least_squares import NormalEquations
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
-from greybox_id.engine.solvers.secant import LeftOut
+from greybox_id.engine.solvers.secant import MissingCurvature
 
 
 class Decay:
@@ -44,14 +44,14 @@ def without(monkeypatch):
 
     def run(*args, **more):
         with monkeypatch.context() as patch:
-            patch.setattr(LeftOut, "compare", never)
+            patch.setattr(MissingCurvature, "compare", never)
             return searched(*args, **more)
 
     return run
 
 
 def test_the_change_of_the_gradient_over_the_last_step_is_met_exactly():
-    rng, left_out, x = np.random.default_rng(5), LeftOut(), np.zeros(6)
+    rng, left_out, x = np.random.default_rng(5), MissingCurvature(), np.zeros(6)
     A, bend = rng.standard_normal((6, 6)), rng.standard_normal((6, 6))
     H, curvature = A @ A.T + np.eye(6), A @ A.T + np.eye(6) + 0.1 * (bend + bend.T)
     left_out.learn(x, NormalEquations(H, curvature @ x))
@@ -64,14 +64,14 @@ def test_the_change_of_the_gradient_over_the_last_step_is_met_exactly():
 
 
 def test_an_unknown_that_stands_at_infinity_has_no_part_in_it():
-    left_out, H = LeftOut(), np.diag([2.0, 0.0])
+    left_out, H = MissingCurvature(), np.diag([2.0, 0.0])
     for x in (1.0, 0.5):
         left_out.learn(np.array([x, np.inf]), NormalEquations(H, np.array([3.0 * x, 0.0])))
     np.testing.assert_allclose(left_out.S, np.diag([1.0, 0.0]), atol=1e-12)
 
 
 def test_curvature_that_is_not_positive_is_not_trusted():
-    left_out, free = LeftOut(), np.ones(1, dtype=bool)
+    left_out, free = MissingCurvature(), np.ones(1, dtype=bool)
     left_out.S, left_out.trusted = np.array([[-3.0]]), True
     whole = left_out.added(NormalEquations(np.array([[2.0]]), np.zeros(1)), np.ones(1), free)
     assert whole.H == -1.0

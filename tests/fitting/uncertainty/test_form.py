@@ -12,7 +12,7 @@ from greybox_id.datasets.recording import Recording, join
 from greybox_id.fitting.fit import CLEARLY, NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
-from greybox_id.fitting.uncertainty.evidence import Joint, Starts
+from greybox_id.fitting.uncertainty.evidence import Joint, StartEquations
 from greybox_id.fitting.uncertainty.halves import prediction_limit
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
@@ -204,10 +204,10 @@ def test_a_start_that_no_reading_shows_takes_nothing_from_the_others():
     wide, residuals, J = rng.standard_normal((40, 4)), rng.standard_normal(40), rng.standard_normal((40, 2))
     taken = []
     for by in (J, np.column_stack([J, np.zeros(40)])):
-        starts = Starts.of(by.shape[1], 4)
+        starts = StartEquations.of(by.shape[1], 4)
         starts.add(by, wide, residuals)
         H, g = wide.T @ wide, wide.T @ residuals
-        starts.take(H, g)
+        starts.eliminate_from(H, g)
         taken.append((H, g))
     for plain, beside in zip(*taken, strict=True):
         np.testing.assert_allclose(beside, plain, rtol=1e-9)

@@ -55,7 +55,7 @@ class Curve:
         return SimpleNamespace(H=np.asarray(H), g=J[:, 0].T @ r[:, 0] + self.R.T @ (self.R @ x - self.r))
 
     def profile(self, index, **options):
-        return profile(self, self.x, None, index, told=self.told, **options)
+        return profile(self, self.x, None, index, known=self.told, **options)
 
 
 def line(rng, rho=0.0, **options):
@@ -231,7 +231,7 @@ def test_a_profile_that_finds_a_better_fit_says_so():
     curve = Curve(lambda p: 5.0 * np.array([p[0] ** 2 - 1.0, 0.3 * (p[0] + 1.0), p[1], *np.zeros(7)]), [0.9, 0.0])
     assert curve.x[0] > 0.0
     told = SimpleNamespace(sd=np.ones(2), inflation=np.ones(2), quantile=lambda c: np.full(2, 6.0))
-    found = profile(curve, curve.x, None, 0, told=told)
+    found = profile(curve, curve.x, None, 0, known=told)
     assert found.at_a_better_optimum
     assert "fit again from there" in found.about("p")
 
@@ -239,7 +239,7 @@ def test_a_profile_that_finds_a_better_fit_says_so():
 def test_a_curved_valley_is_followed_to_its_floor():
     curve = Curve(lambda p: np.array([10.0 * (p[1] - p[0] ** 2), 1.0 - p[0], *np.zeros(8)]), [1.0, 1.0])
     told = SimpleNamespace(sd=np.ones(2), inflation=np.ones(2), quantile=lambda c: np.full(2, 2.0))
-    found = profile(curve, curve.x, None, 0, told=told)
+    found = profile(curve, curve.x, None, 0, known=told)
     np.testing.assert_allclose(found.rise, 0.5 * (found.values - 1.0) ** 2, atol=1e-6)
     np.testing.assert_allclose(found.interval, [-1.0, 3.0], atol=1e-4)
 

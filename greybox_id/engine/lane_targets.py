@@ -14,7 +14,7 @@ HOURS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Against:
+class LaneTargets:
     """Targets that the readings of lanes are compared with.
 
     Attributes
@@ -33,7 +33,7 @@ class Against:
         if y.size > HOURS:  # in parts, as temporary arrays would be as long as the recording
             read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
             parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
-            return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
+            return sum(LaneTargets(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
         with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
             e = self._residuals(y)
             if self.robust is None:
@@ -70,7 +70,7 @@ class Against:
         return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
 
 
-def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
+def to_unknowns(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
     """Chain rule: derivatives by initial states and free parameters -> by the c unknowns, (L, ..., c)."""
     states = seed.shape[1]
     flat = free.reshape(len(free), -1, free.shape[-1])
