@@ -158,9 +158,7 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
     if model.parts:
         noise = {name: sd for stage in stages for name, sd in stage.noise.items()}
         strengths = {name: factor for stage in stages for name, factor in stage.strengths.items()}
-        whole = _with(model, values)
-        held = (replace(whole[name], fixed=True) for name in model.step_2_holds)
-        whole = whole.with_parameters(*held)
+        whole = _with(model, values).with_constants(model.step_2_holds)  # their columns of zeros would take time
         noise_sd = np.array([noise.get(name, 1.0) for name in model.outputs])
         training = recordings if timing is None else timing.together(whole)
         problem = Problem(Trace(whole), training, closed_loop=True, noise=noise_sd, strengths=strengths)
@@ -172,8 +170,8 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
         standard_deviations = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
     else:
         say(f"{model.name}: computing the uncertainty of {fitted.size} parameters")
-        standard_deviations = _standard_deviations(problem, solution)
-        standard_deviations |= {name: sd[name] for name in model.step_2_holds if name in sd}
+        standard_deviations = {name: sd.get(name, np.zeros(fitted[name].shape)) for name in model.step_2_holds}
+        standard_deviations |= _standard_deviations(problem, solution)
     return Fit(
         model=fitted,
         sd=standard_deviations,

@@ -12,8 +12,9 @@ such an input is taken from the recording; closed loop, from the model's predict
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import ClassVar, Protocol
 
 from ..base.errors import BadModel
@@ -90,6 +91,30 @@ class MemoryModel(Model):
     def states(self) -> tuple[()]:
         """Empty: its memory is in its windows."""
         return ()
+
+    def with_constants(self, names: Collection[str]) -> MemoryModel:
+        """The same model with numbers, the present values, in place of these parameters."""
+        numbers = {name: self[name].array.astype(object) for name in names}
+        constants = {name: value if value.shape else value.item() for name, value in numbers.items()}
+
+        def completed(p: Namespace) -> Namespace:
+            return SimpleNamespace(**vars(p), **constants)
+
+        def driven(actuator: SampledActuator) -> SampledActuator:
+            return replace(actuator, step=lambda state, command, p, dt: actuator.step(state, command, completed(p), dt))
+
+        def read(sensor: SampledSensor) -> SampledSensor:
+            return replace(sensor, weights=lambda p, dt: sensor.weights(completed(p), dt))
+
+        return replace(
+            self,
+            parameters=tuple(p for p in self.parameters if p.name not in constants),
+            equations=lambda u, p, past: self.equations(u, completed(p), past),
+            actuators=tuple(driven(actuator) for actuator in self.actuators),
+            sensors=tuple(read(sensor) for sensor in self.sensors),
+            parts=(),
+            step_2_holds=(),
+        )
 
     def with_actuator(self, actuator: SampledActuator) -> MemoryModel:
         """The same model with an actuator on one of its inputs; the first one added is nearest the command."""

@@ -101,6 +101,20 @@ def test_the_gradient_of_the_normal_equations_is_that_of_the_objective(case):
         assert (up - down) / 2e-6 == pytest.approx(g @ direction, abs=1e-4 * scale)
 
 
+def test_parameters_as_numbers_leave_residuals_and_the_other_derivatives_as_they_are():
+    model = scattered(late(limited(full)), 2, share=0.2)
+    names = [*(p.name for p in full.parts[1].parameters), "steering_rate_limit", "sensor_latency_imu"]
+    whole, fewer = (problem_of(own, closed_loop=True) for own in (model, model.with_constants(names)))
+    places = np.concatenate([np.arange(whole.layout.size)[place] for p, place in placed(model.parameters)
+                             if p.name not in names])  # fmt: skip
+    assert len(places) == fewer.layout.size == fewer.trace.model.size
+    found, wanted = (list(own.residuals(own.start, own.simulated_nodes(own.start))) for own in (fewer, whole))
+    for (r, J), (all_r, all_J), index in zip(found, wanted, whole.layout.index, strict=True):
+        np.testing.assert_allclose(r, all_r, rtol=1e-10, atol=1e-10)
+        columns = [int(np.flatnonzero(index == place)[0]) for place in places]
+        np.testing.assert_allclose(J, all_J[:, :, columns], rtol=1e-9, atol=1e-9)
+
+
 OPEN = {model.name: (model, False) for model in (tiny(name) for name in TINY if name != "msnn_full")}
 
 
