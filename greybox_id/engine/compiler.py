@@ -84,18 +84,21 @@ class Compiler:
         """
         try:
             with scratch_folder(folder) as place:
-                made = place / "kernel.so"
+                built = place / "kernel.so"
                 texts = [place / f"kernel{k}.c" for k in range(len(sources))]
                 for text, source in zip(texts, sources, strict=True):
                     text.write_text(source, encoding="utf-8")
-                command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
-                value = {**os.environ, "TMPDIR": str(place)}  # files of an interrupted compiler vanish with the folder
-                failed, complaint = _run(command, value)
+                command = [*self.command, "-shared", *map(str, texts), "-o", str(built), "-lm"]
+                environment = {
+                    **os.environ,
+                    "TMPDIR": str(place),
+                }  # files of an interrupted compiler vanish with the folder
+                failed, complaint = _run(command, environment)
                 if failed:
                     raise CannotCompile(f"The C compiler {command[0]} failed: {complaint.strip()}")
-                made.chmod(0o600)
-                target = folder / f"{name}-{_checksum(made)}.so"
-                made.replace(target)
+                built.chmod(0o600)
+                target = folder / f"{name}-{_checksum(built)}.so"
+                built.replace(target)
                 return target
         except OSError as error:
             raise CannotCompile(f"Nothing can be compiled in {folder}: {error.strerror or error}.") from error
@@ -150,14 +153,14 @@ def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
     ------
     CannotCompile : there is no compiler, or it failed, or the library cannot be loaded.
     """
-    chosen = compiler()
-    name = f"kernel-{chosen.key(known_by)}"
+    c_compiler = compiler()
+    name = f"kernel-{c_compiler.key(known_by)}"
     folder = _kernels()
     if folder is not None:
         with suppress(CannotCompile, OSError):  # a full disk, or a folder from which nothing may be executed
-            return ctypes.CDLL(str(_cached(folder, name) or chosen.compile(elsewhere(sources), folder, name)))
-    value = Path(_own_folder().name)
-    path = _cached(value, name) or chosen.compile(elsewhere(sources), value, name)
+            return ctypes.CDLL(str(_cached(folder, name) or c_compiler.compile(elsewhere(sources), folder, name)))
+    own_folder = Path(_own_folder().name)
+    path = _cached(own_folder, name) or c_compiler.compile(elsewhere(sources), own_folder, name)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -199,20 +202,20 @@ def _checksum(path: Path) -> str:
         return hashlib.file_digest(opened, "sha256").hexdigest()[:32]
 
 
-def _only_ours(known: os.stat_result) -> bool:
+def _only_ours(status: os.stat_result) -> bool:
     """Whether nobody else can change this file or folder; a symbolic link does not count."""
     if not hasattr(os, "geteuid"):
         return True
-    alone = not known.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return alone and known.st_uid == os.geteuid() and not stat.S_ISLNK(known.st_mode)
+    alone = not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return alone and status.st_uid == os.geteuid() and not stat.S_ISLNK(status.st_mode)
 
 
-def _irreplaceable(about: os.stat_result) -> bool:
+def _irreplaceable(status: os.stat_result) -> bool:
     """Whether nobody else can replace a folder inside this one."""
     if not hasattr(os, "geteuid"):
         return True
-    alone = bool(about.st_mode & stat.S_ISVTX) or not about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return alone and about.st_uid in (0, os.geteuid())
+    alone = bool(status.st_mode & stat.S_ISVTX) or not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return alone and status.st_uid in (0, os.geteuid())
 
 
 def _kernels() -> Path | None:

@@ -44,8 +44,8 @@ class Actuation:
                     "an actuator can act only on a recorded command."
                 )
         self._steps = [_Step(model, k) for k in range(len(model.actuators))]
-        held = np.concatenate([np.full(q.size, q.fixed) for q in model.parameters])
-        self._moving = not np.all(held[self.touched])
+        fixed = np.concatenate([np.full(q.size, q.fixed) for q in model.parameters])
+        self._moving = not np.all(fixed[self.touched])
 
     def __call__(self, recorded: Array, p: Array, pieces: Sequence[slice]) -> tuple[Array, Array | None]:
         """Recorded inputs (n, inputs) -> inputs of the equations, and their derivative (n, inputs, parameters).
@@ -54,13 +54,13 @@ class Actuation:
         """
         if not self._steps:
             return recorded, None
-        seen = recorded.copy()
+        acting = recorded.copy()
         by_p = np.zeros((*recorded.shape, len(p)))
         for step in self._steps:
             for piece in pieces:
                 place = (piece, step.column)
-                seen[place], by_p[place] = step(seen[place], by_p[place], p)
-        return seen, by_p if self._moving else None
+                acting[place], by_p[place] = step(acting[place], by_p[place], p)
+        return acting, by_p if self._moving else None
 
     @cached_property
     def touched(self) -> Index:
@@ -98,10 +98,10 @@ class _Step:
 
     def __call__(self, command: Array, command_by_p: Array, p: Array) -> tuple[Array, Array]:
         start = np.concatenate([command[:1], command_by_p[0, self.touched]])
-        given = np.column_stack([command, command_by_p[:, self.touched]])
+        inputs = np.column_stack([command, command_by_p[:, self.touched]])
         if len(command) not in self._along:
             self._along[len(command)] = self._step.mapaccum("actuators", len(command))
-        _, along = self._along[len(command)](start, given.T, np.tile(p[self.touched, None], len(command)))
+        _, along = self._along[len(command)](start, inputs.T, np.tile(p[self.touched, None], len(command)))
         values = along.full()
         by_p = np.zeros((len(command), len(p)))
         by_p[:, self.touched] = values[1:].T
@@ -147,8 +147,8 @@ class _Weights:
         """Replace this sensor's column of y, and of its derivative, in place."""
         weights = self._weights(p)[0]
         rows = np.maximum(np.arange(len(y))[:, None] - np.arange(len(weights)), 0)
-        seen = y[:, self.column][rows]
+        past = y[:, self.column][rows]
         if by_p is not None:
             by_p[:, self.column] = np.einsum("l,rlp->rp", weights, by_p[:, self.column][rows])
-            by_p[:, self.column, self.touched] += seen @ self._slopes(p).reshape(len(weights), len(self.touched))
-        y[:, self.column] = seen @ weights
+            by_p[:, self.column, self.touched] += past @ self._slopes(p).reshape(len(weights), len(self.touched))
+        y[:, self.column] = past @ weights

@@ -55,11 +55,11 @@ def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> No
     count = threads() if lanes * segments >= SHARED_FROM and lanes >= 2 * WIDEST else 1
     blocks = -(-lanes // WIDEST)
     edges = [min(lanes, WIDEST * (blocks * k // count)) for k in range(count)] + [lanes]
-    beside = [Thread(target=run, args=item, daemon=True) for item in zip(edges[1:-1], edges[2:], strict=True)]
-    for thread in beside:
+    others = [Thread(target=run, args=item, daemon=True) for item in zip(edges[1:-1], edges[2:], strict=True)]
+    for thread in others:
         thread.start()
     run(edges[0], edges[1])
-    for thread in beside:
+    for thread in others:
         thread.join()
 
 
@@ -164,29 +164,29 @@ class Kernel:
         z : (L, K, nz) the requested states.
         y : (L, R, ny) readings.
         """
-        given = self._checked(z0, s, p, reads)
-        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        arguments = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *arguments[1].shape[:2], np.count_nonzero(arguments[3])
         keep = np.ones(segments + 1, dtype=bool) if keeps is None else np.ascontiguousarray(keeps, dtype=bool)
         if keep.shape != (segments + 1,):
             raise ValueError(f"Shape {keep.shape} of keeps does not match {segments} segments.")
         self._load(lanes * segments)
         if self._library is None:
-            z, y = self._model.virtual.simulate(*given)
+            z, y = self._model.virtual.simulate(*arguments)
             return z if keeps is None else z[:, keep], y
-        kept, apart = np.count_nonzero(keep), given[1].strides[0] // given[1].itemsize
+        kept, stride = np.count_nonzero(keep), arguments[1].strides[0] // arguments[1].itemsize
         shapes = (lanes, kept, self._model.states), (lanes, readings, self._model.outputs)
         z, y = known.results if known else (np.empty(shape) for shape in shapes)
         near = None if known is None else known.near
         if (z.shape, y.shape) != shapes or (near is not None and near.shape != shapes[0][2:]):
             raise ValueError(f"Shapes {z.shape} and {y.shape} of what is known do not match {shapes}.")
-        which = np.arange(lanes) if known is None else np.flatnonzero(known.elsewhere(given[0], keep))
-        few = len(which) % WIDE if hasattr(self._library, "simulate_few") else 0
-        whole = len(which) - few if few <= FEW else len(which)
-        places = _places(*given, keep, near, z, y)
+        which = np.arange(lanes) if known is None else np.flatnonzero(known.elsewhere(arguments[0], keep))
+        remainder = len(which) % WIDE if hasattr(self._library, "simulate_few") else 0
+        whole = len(which) - remainder if remainder <= FEW else len(which)
+        addresses = _places(*arguments, keep, near, z, y)
 
         def run(name: str, first: int, last: int) -> None:
             begin = which.ctypes.data + first * which.itemsize
-            getattr(self._library, name)(last - first, segments, readings, kept, apart, begin, *places)
+            getattr(self._library, name)(last - first, segments, readings, kept, stride, begin, *addresses)
 
         if whole:
             shared_out(whole, segments, partial(run, "simulate"))
@@ -213,27 +213,27 @@ class Kernel:
         (n, nz) states of the trajectory.
         """
         states, numbers, parameters, _ = self._checked(z[:1], np.asarray(s)[None], p, np.zeros(len(np.asarray(s))))
-        places, set_to = np.ascontiguousarray(begins, dtype=np.intp), np.ascontiguousarray(given, dtype=bool)
-        there, trajectory = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
+        row_starts, set_to = np.ascontiguousarray(begins, dtype=np.intp), np.ascontiguousarray(given, dtype=bool)
+        resets, trajectory = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
         shapes = (len(trajectory),), (len(trajectory),), states.shape[1:]
-        inside = np.all(np.diff(places, prepend=0, append=len(numbers[0])) >= 0)  # ascending, none beyond the last
-        if (places.shape, there.shape, set_to.shape) != shapes or not inside:
+        inside = np.all(np.diff(row_starts, prepend=0, append=len(numbers[0])) >= 0)  # ascending, none beyond the last
+        if (row_starts.shape, resets.shape, set_to.shape) != shapes or not inside:
             raise ValueError(f"Rows, or what is given at them, do not match {trajectory.shape} states.")
         self._load(len(numbers[0]))
         if self._library is not None:
             few = hasattr(self._library, "follow_few")
             run = self._library.follow_few if few else self._library.follow
-            run(len(trajectory), *_places(places, numbers, parameters, there, set_to, trajectory))
+            run(len(trajectory), *_places(row_starts, numbers, parameters, resets, set_to, trajectory))
             return trajectory
         for row in range(1, len(trajectory)):
-            if there[row] and set_to.all():
+            if resets[row] and set_to.all():
                 continue
-            stretch = slice(places[row - 1], places[row])
+            stretch = slice(row_starts[row - 1], row_starts[row])
             nothing = np.zeros(stretch.stop - stretch.start, dtype=bool)
             following, _ = self._model.virtual.simulate(
                 trajectory[row - 1 : row], numbers[:, stretch], parameters, nothing
             )
-            trajectory[row] = np.where(there[row] & set_to, trajectory[row], following[0, -1])
+            trajectory[row] = np.where(resets[row] & set_to, trajectory[row], following[0, -1])
         return trajectory
 
     def linearise(
@@ -253,18 +253,18 @@ class Kernel:
         y : (L, R, ny) readings.
         Y : (L, R, ny, nz + q) their derivatives, by z0 first.
         """
-        given = self._checked(z0, s, p, reads)
-        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        arguments = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *arguments[1].shape[:2], np.count_nonzero(arguments[3])
         states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
-        moved = states + len(chosen)
+        width = states + len(chosen)
         moving = self._placed(chosen, states + np.arange(len(chosen)))
         self._load(LINEARISED * lanes * segments)
         if self._library is None:
-            return self._model.virtual.linearise(*given, chosen)
-        z, Z = np.empty((lanes, states)), np.empty((lanes, states, moved))
-        y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, moved))
-        seed = np.tile(np.eye(states, moved), (lanes, 1, 1))
-        self._call(given, moving, seed, z, Z, y, Y)
+            return self._model.virtual.linearise(*arguments, chosen)
+        z, Z = np.empty((lanes, states)), np.empty((lanes, states, width))
+        y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, width))
+        seed = np.tile(np.eye(states, width), (lanes, 1, 1))
+        self._call(arguments, moving, seed, z, Z, y, Y)
         return z, Z, y, Y
 
     def normal_equations(
@@ -297,25 +297,25 @@ class Kernel:
         H : (L, c, c) J'J; (L, 0, 0) if residuals are given.
         g : (L, c) J'r.
         """
-        given = self._checked(z0, s, p, reads)
-        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        arguments = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *arguments[1].shape[:2], np.count_nonzero(arguments[3])
         states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
         count, placed = seed.shape[2], np.asarray(places, dtype=np.intp)
-        moving, wide = self._placed(chosen, placed), (lanes, readings, outputs)
+        moving, shape = self._placed(chosen, placed), (lanes, readings, outputs)
         shapes = [item.shape for item in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
-        if {*shapes} != {wide} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
-            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not match {wide}.")
+        if {*shapes} != {shape} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
+            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not match {shape}.")
         self._load(LINEARISED * lanes * segments)
         if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
-            _, Z_free, y, Y_free = self.linearise(*given, chosen)
+            _, Z_free, y, Y_free = self.linearise(*arguments, chosen)
             Z, Y = (to_unknowns(item, seed, placed) for item in (Z_free, Y_free))
             return Z, *against.accumulated(y, Y, residuals)
-        whole = np.ascontiguousarray
+        as_contiguous = np.ascontiguousarray
         z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
         H = np.empty((lanes, packed + count))
-        held = [whole(item, dtype=float) for item in (seed, against.target, against.weight)]
-        r = None if residuals is None else whole(residuals, dtype=float)
-        self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H)
+        contiguous = [as_contiguous(item, dtype=float) for item in (seed, against.target, against.weight)]
+        r = None if residuals is None else as_contiguous(residuals, dtype=float)
+        self._call(arguments, moving, contiguous[0], z, Z, None, None, against.robust, *contiguous[1:], r, H)
         return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
 
     def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -328,7 +328,7 @@ class Kernel:
 
     def _call(
         self,
-        given: tuple[Array, Array, Array, NDArray[np.bool_]],
+        arguments: tuple[Array, Array, Array, NDArray[np.bool_]],
         moving: NDArray[np.intp],
         seed: Array,
         z: Array,
@@ -339,15 +339,15 @@ class Kernel:
         *others: Array | None,
     ) -> None:
         """Call the compiled function that linearises: it stores the readings' derivatives, or accumulates J'J."""
-        z0, s, p, reads = given
+        z0, s, p, reads = arguments
         counts = s.shape[1], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
         robust = np.inf if robust is None else robust
-        adds, size = bool(others), scratch_size(seed.shape[2], self._model.outputs)
+        accumulates, size = bool(others), scratch_size(seed.shape[2], self._model.outputs)
 
         def run(first: int, last: int) -> None:
             value = [None if array is None else array[first:last] for array in (z0, s, p, seed, z, Z, y, Y, *others)]
-            arrays = [moving, *value[:3], reads, *value[3:], *([] if adds else [None] * 4)]
-            scratch = np.empty(size) if adds else None
+            arrays = [moving, *value[:3], reads, *value[3:], *([] if accumulates else [None] * 4)]
+            scratch = np.empty(size) if accumulates else None
             assert self._library is not None
             self._library.linearise(last - first, *counts, robust, *_places(*arrays, scratch))
 

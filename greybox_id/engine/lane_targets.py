@@ -65,9 +65,9 @@ class LaneTargets:
         """J'J and J'r of every lane, from stored derivatives, (L, R, ny, c)."""
         r, weight = self.weighted(y)
         J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
-        along = J.swapaxes(1, 2)
-        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
-        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
+        transposed = J.swapaxes(1, 2)
+        g = transposed @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
+        return transposed @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
 
 
 def to_unknowns(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:

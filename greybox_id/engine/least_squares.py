@@ -32,7 +32,7 @@ def prior_rows(
     blocks, size = [], 0
     for parameter, place in placed(parameters):
         size = place.stop
-        blocks += [(place.start + index, *known) for index, *known in _rows(parameter, strengths)]
+        blocks += [(place.start + index, *row) for index, *row in _rows(parameter, strengths)]
     return _joined(blocks, size)
 
 
@@ -60,8 +60,8 @@ def _rows(parameter: Parameter, strengths: Mapping[str, float] | None) -> list[R
     strength = (strengths or {}).get(prior.strength, 1.0)
     mean = np.broadcast_to(parameter.array if prior.mean is None else np.asarray(prior.mean, float), parameter.shape)
     weight = strength / np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).reshape(-1, 1)
-    known = weight[:, 0] > 0.0
-    rows = [(index.reshape(-1, 1)[known], weight[known], (mean.reshape(-1, 1) * weight)[known, 0])]
+    stated = weight[:, 0] > 0.0
+    rows = [(index.reshape(-1, 1)[stated], weight[stated], (mean.reshape(-1, 1) * weight)[stated, 0])]
     for axis, sd in enumerate(prior.step_sd):
         if sd is None or parameter.shape[axis] < 2:
             continue
@@ -97,8 +97,8 @@ class NormalEquations:
     ----------
     H : (unknowns, unknowns) Gauss-Newton Hessian, priors included.
     g : (unknowns,) gradient of the objective.
-    pulled : (unknowns, their simulation) -> J'r with the residuals r at those unknowns and J of this point, for
-        second-order corrections of steps; None if the problem does not offer it.
+    frozen_gradient : (unknowns, their simulation) -> J'r with the residuals r at those unknowns and J of this point,
+        for second-order corrections of steps; None if the problem does not offer it.
     """
 
     H: Array
@@ -113,8 +113,8 @@ def lay_out(model: Model, count: int, copies: int) -> Layout:
     size, columns = 0, []
     for parameter in model.parameters:
         if parameter.scope == "run":
-            value = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
-            block = np.tile(value, (count // copies, 1))
+            places = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
+            block = np.tile(places, (count // copies, 1))
         else:
             block = np.broadcast_to(size + np.arange(parameter.size), (count, parameter.size))
         size = int(block.max(initial=size - 1)) + 1
@@ -129,8 +129,8 @@ def limits(model: Model, layout: Layout) -> tuple[tuple[Array, Array], NDArray[n
     free = np.ones(layout.size, dtype=bool)
     for parameter, place in placed(model.parameters):
         for index in layout.index:
-            value = index[place]
-            low[value], high[value], free[value] = *parameter.bounds, not parameter.fixed
+            places = index[place]
+            low[places], high[places], free[places] = *parameter.bounds, not parameter.fixed
     return (low, high), free
 
 
@@ -140,9 +140,9 @@ def prior_system(
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
     blocks = []
     for parameter, place in placed(model.parameters):
-        known = _rows(parameter, strengths)
+        rows = _rows(parameter, strengths)
         for index in layout.index[: copies if parameter.scope == "run" else 1]:
-            blocks += [(index[place][own], c, r) for own, c, r in known]
+            blocks += [(index[place][entries], c, r) for entries, c, r in rows]
     return _joined(blocks, layout.size)
 
 

@@ -41,12 +41,12 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
     past = trace.stage(u[: first - 1], p) if first > 1 else np.empty((0, trace.stage.outputs))
     state = np.concatenate([past.ravel(), measured[first - 1]])
     samples, outputs = len(u) - first, measured.shape[1]
-    seen, several = np.nan_to_num(u[first - 1 : -1]), np.tile(p, (LOOP, 1))
+    inputs, parameters = np.nan_to_num(u[first - 1 : -1]), np.tile(p, (LOOP, 1))
     result = np.empty((samples, outputs))
     for start in range(0, samples, LOOP):
-        rows = seen[start : start + LOOP]
+        rows = inputs[start : start + LOOP]
         filled = np.concatenate([rows, np.repeat(rows[-1:], LOOP - len(rows), axis=0)])
-        states = call(_accumulated(trace), state, filled, several).reshape(LOOP, len(state))
+        states = call(_accumulated(trace), state, filled, parameters).reshape(LOOP, len(state))
         result[start : start + LOOP] = states[: len(rows), -outputs:]
         state = states[-1]
     return result
@@ -231,9 +231,9 @@ class Run:
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         filled = np.zeros((outputs, len(p)), dtype=bool)
         for tap, signal in enumerate(trace.tap_signal):
-            reached = [(o, y_by_h[:, k, None]) for k, o in trace.tap_outputs[tap]]
+            outputs_of_tap = [(o, y_by_h[:, k, None]) for k, o in trace.tap_outputs[tap]]
             for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
-                for output, y_by_tap in reached:
+                for output, y_by_tap in outputs_of_tap:
                     if isinstance(columns, slice) and not np.any(filled[output, columns]):
                         np.multiply(y_by_tap, h_by_p, out=by_p[:, output, columns])
                     else:
@@ -241,8 +241,8 @@ class Run:
                     filled[output, columns] = True
         if len(direct.row):
             by_p[:, direct.row, direct.column] += y_by_p
-        moved = u_by_p is not None or nodes is not None
-        y_by_u = trace.head_by_u.nonzeros(h, newest, p) if moved else np.empty((len(h), 0))
+        with_inputs = u_by_p is not None or nodes is not None
+        y_by_u = trace.head_by_u.nonzeros(h, newest, p) if with_inputs else np.empty((len(h), 0))
         if u_by_p is not None:
             newest_by_p = u_by_p[trace.memory - 1 : -1]
             for k, (output, signal) in enumerate(zip(trace.head_by_u.row, trace.head_by_u.column, strict=True)):
@@ -465,9 +465,9 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
     if across_joins:
         recording = replace(recording, runs=((0, len(recording)),))
     present = [recording[name] for name in _needed(trace) if name in recording]
-    whole = np.all(np.isfinite(np.column_stack(present)), axis=1)
+    complete = np.all(np.isfinite(np.column_stack(present)), axis=1)
     shortest = trace.memory + 1
-    result = [Run(trace, recording, rows, joins) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
+    result = [Run(trace, recording, rows, joins) for rows in _unbroken(recording, complete) if len(rows) >= shortest]
     if not result:
         raise BadInput(
             f"{recording.name} has no unbroken run of {shortest} samples "

@@ -255,15 +255,15 @@ class Problem:
         left_out = [NormalEquations(np.zeros_like(whole.H), np.zeros_like(whole.g)) for _ in keeps]
         for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
             for equations, keep in zip(left_out, keeps, strict=True):
-                share = 1.0 - keep[k][self.runs[k].predicted]
-                rows = np.flatnonzero(share)
-                root = np.sqrt(share[rows])
+                dropped = 1.0 - keep[k][self.runs[k].predicted]
+                rows = np.flatnonzero(dropped)
+                root = np.sqrt(dropped[rows])
                 self._add(equations, k, residuals[rows] * root[:, None], J[rows] * root[:, None, None])
         result = []
         for equations, keep in zip(left_out, keeps, strict=True):
-            one = self.counted(keep=[ours * share for ours, share in zip(self.keep, keep, strict=True)])
-            one._last = (x.copy(), NormalEquations(whole.H - equations.H, whole.g - equations.g))
-            result.append(one)
+            fold = self.counted(keep=[ours * dropped for ours, dropped in zip(self.keep, keep, strict=True)])
+            fold._last = (x.copy(), NormalEquations(whole.H - equations.H, whole.g - equations.g))
+            result.append(fold)
         return result
 
     def _add(self, equations: NormalEquations, k: int, residuals: Array, J: Array) -> None:

@@ -54,13 +54,15 @@ def called(
     BadModel : they read an unknown name, branch on a symbol, or return no mapping of names.
     """
     with tracing(model, spaces):
-        one = equations(*arguments)
-    if not isinstance(one, Mapping):
-        raise BadModel(f"The equations of {model.name} must give a mapping of names to expressions, not {one!r:.40}.")
-    for name, value in one.items():
+        expressions = equations(*arguments)
+    if not isinstance(expressions, Mapping):
+        raise BadModel(
+            f"The equations of {model.name} must give a mapping of names to expressions, not {expressions!r:.40}."
+        )
+    for name, value in expressions.items():
         if isinstance(value, str) or not isinstance(value, Real | cs.SX | cs.MX | cs.DM):
             raise BadModel(f"The equations of {model.name} give {name} as {value!r:.40}, which is not an expression.")
-    return dict(one)
+    return dict(expressions)
 
 
 @contextmanager
@@ -180,8 +182,8 @@ class Trace:
         self.p = cs.SX.sym("p", model.size)
         self._windows = _Windows()
         named = namespace(model, self.p)
-        seen = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(model.inputs)})
-        outputs = called(model, model.equations, {"u": seen, "p": named}, seen, named, self._windows)
+        inputs = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(model.inputs)})
+        outputs = called(model, model.equations, {"u": inputs, "p": named}, inputs, named, self._windows)
         missing = [name for name in model.outputs if name not in outputs]
         if missing:
             raise BadModel(f"The equations of {model.name} do not give its output {', '.join(missing)}.")

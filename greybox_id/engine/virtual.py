@@ -80,8 +80,8 @@ def on_arrays(function: cs.Function) -> Callable[..., list[Array]]:
 
     def called(*arguments: Array) -> list[Array]:
         results = [np.empty(shape) for shape in shapes]
-        held = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
-        for place, arrays in ((memory.set_arg, held), (memory.set_res, results)):
+        contiguous = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+        for place, arrays in ((memory.set_arg, contiguous), (memory.set_res, results)):
             for k, array in enumerate(arrays):
                 if array.size:
                     place(k, array.data)
@@ -179,21 +179,21 @@ class SampledFunction:
         if self.outputs == 0:
             return result
         memory, run = self._buffer(tuple(k for k, a in enumerate(arguments) if a.ndim == 1))
-        held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
-        for k, array in enumerate(held):
+        contiguous = [np.ascontiguousarray(a, dtype=float) for a in arguments]
+        for k, array in enumerate(contiguous):
             if array.ndim == 1 and array.size:
                 memory.set_arg(k, array.data)
         for start in range(0, samples, BLOCK):
             rows = slice(start, min(start + BLOCK, samples))
-            whole = rows.stop - start == BLOCK
-            target = result[rows] if whole else np.empty((BLOCK, self.outputs))
-            given = [_padded(a[rows]) if a.ndim == 2 and not whole else a[rows] for a in held]
-            for k, array in enumerate(held):
+            full = rows.stop - start == BLOCK
+            target = result[rows] if full else np.empty((BLOCK, self.outputs))
+            arguments_of_block = [_padded(a[rows]) if a.ndim == 2 and not full else a[rows] for a in contiguous]
+            for k, array in enumerate(contiguous):
                 if array.ndim == 2 and array.size:
-                    memory.set_arg(k, given[k].data)
+                    memory.set_arg(k, arguments_of_block[k].data)
             memory.set_res(0, target.data)
             run()
-            if not whole:
+            if not full:
                 result[rows] = target[: rows.stop - start]
         return result
 

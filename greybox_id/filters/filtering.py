@@ -84,14 +84,14 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
     unread = [k for k, name in enumerate(model.outputs) if name not in read]
     result = []
     for run in runs:
-        late = np.any(np.isfinite(run.measured), axis=1)
-        plan = schedule(trace, run, shifts, longest, read=late)
+        any_reading = np.any(np.isfinite(run.measured), axis=1)
+        plan = schedule(trace, run, shifts, longest, read=any_reading)
         y = np.full((len(plan.segments), len(model.outputs)), np.nan)
         for k in range(len(model.outputs)):
             if k not in unread:
-                taken = plan.read_segment[:, k] >= 0
-                y[plan.read_segment[taken, k], k] = run.measured[taken, k]
-                before = np.flatnonzero(np.isfinite(run.measured[: np.argmax(taken), k]))
+                has_segment = plan.read_segment[:, k] >= 0
+                y[plan.read_segment[has_segment, k], k] = run.measured[has_segment, k]
+                before = np.flatnonzero(np.isfinite(run.measured[: np.argmax(has_segment), k]))
                 if len(before):  # readings from before the run's first segment belong to that segment
                     y[plan.row_segment[0], k] = run.measured[before[-1], k]
         y[~np.isfinite(y)] = np.nan
@@ -105,45 +105,47 @@ LONGEST_GAP = 0.5
 
 def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, list[str]]:
     """The recording with glitches and short gaps of its inputs interpolated linearly, and sentences on them."""
-    signals, known = {}, []
+    signals, sentences = {}, []
     for name in inputs:
         if name not in recording:
             continue
-        bridged, lost = _bridged(recording, recording[name])
-        gaps = int(np.count_nonzero(~np.isfinite(recording[name]))) - lost
-        there, rows = np.isfinite(bridged), np.arange(len(bridged))
-        whole = np.interp(rows, rows[there], bridged[there]) if np.any(there) else np.zeros(len(bridged))
-        finding = outlying(recording.with_signals(**{name: whole}), name)
+        bridged, missing = _bridged(recording, recording[name])
+        gaps = int(np.count_nonzero(~np.isfinite(recording[name]))) - missing
+        finite, rows = np.isfinite(bridged), np.arange(len(bridged))
+        interpolated = np.interp(rows, rows[finite], bridged[finite]) if np.any(finite) else np.zeros(len(bridged))
+        finding = outlying(recording.with_signals(**{name: interpolated}), name)
         if finding is not None:
             without = bridged.copy()
             without[list(finding.where.rows)] = np.nan
             bridged, _ = _bridged(recording, without)
-            known.append(
+            sentences.append(
                 f"{finding.sentence.removesuffix(' Leave such rows out.')} "
                 "These values are treated as missing and are bridged."
             )
         if gaps > 0:
-            known.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
-        if lost:
-            known.append(f"{name}: {lost} values are missing in longer gaps, after which the filter starts anew.")
+            sentences.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
+        if missing:
+            sentences.append(
+                f"{name}: {missing} values are missing in longer gaps, after which the filter starts anew."
+            )
         signals[name] = bridged
-    return recording.with_signals(**signals), known
+    return recording.with_signals(**signals), sentences
 
 
 def _bridged(recording: Recording, values: Array) -> tuple[Array, int]:
     """Values with short gaps inside runs interpolated, and the number still missing."""
     result = values.copy()
     for start, stop in recording.runs:
-        value, time = values[start:stop], recording.time[start:stop]
-        there = np.flatnonzero(np.isfinite(value))
-        if len(there) == 0:
+        signal, time = values[start:stop], recording.time[start:stop]
+        finite = np.flatnonzero(np.isfinite(signal))
+        if len(finite) == 0:
             continue
-        after = np.searchsorted(there, np.arange(len(value)))
-        inside = (after > 0) & (after < len(there))
-        width = np.full(len(value), np.inf)
-        width[inside] = time[there[after[inside]]] - time[there[after[inside] - 1]]
-        fill = np.isnan(value) & (width <= LONGEST_GAP + recording.sample_time)
-        result[start:stop][fill] = np.interp(time[fill], time[there], value[there])
+        after = np.searchsorted(finite, np.arange(len(signal)))
+        inside = (after > 0) & (after < len(finite))
+        width = np.full(len(signal), np.inf)
+        width[inside] = time[finite[after[inside]]] - time[finite[after[inside] - 1]]
+        fill = np.isnan(signal) & (width <= LONGEST_GAP + recording.sample_time)
+        result[start:stop][fill] = np.interp(time[fill], time[finite], signal[finite])
     return result, int(np.count_nonzero(np.isnan(result)))
 
 
@@ -206,12 +208,12 @@ class Filtering:
         for run, x, P in self._begun(runs, p[None]):
             for first in range(0, len(run.segments), PART):
                 stop = min(first + PART, len(run.segments))
-                on = slice(first, stop + (stop < len(run.segments)))
-                kept: Kept = "filtered" if on.stop == stop else "both ways"
-                s, y = run.segments[on], run.readings[on]
+                with_next = slice(first, stop + (stop < len(run.segments)))
+                kept: Kept = "filtered" if with_next.stop == stop else "both ways"
+                s, y = run.segments[with_next], run.readings[with_next]
                 _, history = self.filter.run(x, P, s, y, p[None], self.gate, kept)
                 assert history is not None
-                if on.stop > stop:
+                if with_next.stop > stop:
                     x[:], P[:] = history.predicted[-1:], history.predicted_P[-1:]
                 low, high = np.searchsorted(run.row_segment, (first, stop))
                 rows = slice(int(low), int(high))
@@ -239,21 +241,24 @@ class Filtering:
         read = tuple(name for name in space.trace.names if np.isfinite(first.get(name, np.nan)))
         readings = np.array([first[name] for name in read])
         x, sd = np.zeros((len(p), space.size)), np.zeros((len(p), space.size))
-        known = space.trace.size + len(space.tracked)
+        end_of_tracked = space.trace.size + len(space.tracked)
         parameters = np.ascontiguousarray(p[:, : model.size])
         x[:, : space.trace.size] = space.start(read)(readings, laid_run.run.inputs[0], parameters)
         for k, state in enumerate(model.states):
             sd[:, k] = START * noise[f"noise_{state.name}"] if state.name in read else START * state.scale
-        settled = slice(len(space.trace.names), space.trace.size)
-        sd[:, settled] = 0.1 * np.abs(x[:, settled]) + 1e-3
-        x[:, space.trace.size : known] = [one.start for one in space.tracked]
-        sd[:, space.trace.size : known] = [one.start_sd for one in space.tracked]
+        beyond_states = slice(len(space.trace.names), space.trace.size)
+        sd[:, beyond_states] = 0.1 * np.abs(x[:, beyond_states]) + 1e-3
+        x[:, space.trace.size : end_of_tracked] = [one.start for one in space.tracked]
+        sd[:, space.trace.size : end_of_tracked] = [one.start_sd for one in space.tracked]
         for k, name in enumerate(space.coloured):
-            sd[:, known + k] = noise[f"colour_{name}"]
+            sd[:, end_of_tracked + k] = noise[f"colour_{name}"]
         P = sd[:, :, None] ** 2 * np.eye(space.size)
         if before is not None:
-            kept = slice(space.trace.size, known)
-            x[:, kept], P[:, kept, kept] = before[0][:, kept], before[1][:, kept, kept]
+            of_tracked = slice(space.trace.size, end_of_tracked)
+            x[:, of_tracked], P[:, of_tracked, of_tracked] = (
+                before[0][:, of_tracked],
+                before[1][:, of_tracked, of_tracked],
+            )
         return x, P
 
 

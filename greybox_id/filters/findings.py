@@ -55,13 +55,13 @@ class Consistency:
 
 def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Consistency:
     """Statistics of a channel's innovations (n,), given their expected variances (n,); NaN without a reading."""
-    there = np.isfinite(off)
-    count = int(np.count_nonzero(there))
+    read = np.isfinite(off)
+    count = int(np.count_nonzero(read))
     if count < 2:
         return Consistency(count, np.nan, np.nan, np.nan, np.nan, 0, np.nan)
-    scaled = off[there]  # in place from here: for hours of data each copy is large
+    scaled = off[read]  # in place from here: for hours of data each copy is large
     rms = float(np.sqrt(np.mean(scaled**2)))
-    scaled /= np.sqrt(spread[there])
+    scaled /= np.sqrt(spread[read])
     windows = windowed(scaled**2, per_window)
     low, high = bounds(per_window)
     inside = float(np.mean((windows > low) & (windows < high))) if len(windows) else np.nan
@@ -75,8 +75,8 @@ def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Cons
 def _with_the_next(values: Array) -> float:
     """Correlation of successive values."""
     before, after = values[:-1], values[1:]
-    both = float(np.dot(before, after)) / len(before) - float(np.mean(before)) * float(np.mean(after))
-    return both / float(np.std(before) * np.std(after))
+    covariance = float(np.dot(before, after)) / len(before) - float(np.mean(before)) * float(np.mean(after))
+    return covariance / float(np.std(before) * np.std(after))
 
 
 class RunningConsistency:
@@ -188,7 +188,7 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], readings: Sequen
     """Sentences on stretches where innovations, one reading to a column, are far larger than expected."""
     result = []
     for column, name in enumerate(readings):
-        seconds, first = 0.0, np.nan
+        seconds, first_time = 0.0, np.nan
         for run, history in zip(runs, histories, strict=True):
             size = window_rows(run.run.sample_time)
             nis = (history.off[:, column] ** 2 / history.spread[:, column])[run.row_segment]
@@ -196,10 +196,10 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], readings: Sequen
                 window = nis[begin : begin + size]
                 if np.any(np.isfinite(window)) and np.nanmedian(window) > LOST:
                     seconds += size * run.run.sample_time
-                    first = run.run.time[begin] if np.isnan(first) else first
+                    first_time = run.run.time[begin] if np.isnan(first_time) else first_time
         if seconds > 0:
             result.append(
-                f"{name}: for {seconds:.0f} s, first at t = {first:.1f} s, readings are far from what the filter "
+                f"{name}: for {seconds:.0f} s, first at t = {first_time:.1f} s, readings are far from what the filter "
                 "expects: do not trust the estimates there."
             )
     return result
@@ -254,8 +254,8 @@ def only_over_mass(model: MotionModel) -> list[str]:
 
 def identifiable_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
     """(n,) rows in which the recording makes a tracked parameter clearly more precise than its prior."""
-    before = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)
-    return np.asarray(sds < IDENTIFIABLE * before)
+    prior_sd = tracked.start_sd * (np.abs(values) if tracked.logarithmic else 1.0)
+    return np.asarray(sds < IDENTIFIABLE * prior_sd)
 
 
 def unidentifiable(name: str, mask: Mask, slip: Array | None, force: str) -> str:

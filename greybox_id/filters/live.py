@@ -191,17 +191,22 @@ class _LiveGuard:
             self._before, self._low, self._high = inputs.copy(), inputs.copy(), inputs.copy()
             return inputs.copy(), ()
         missing = ~np.isfinite(inputs)
-        given = np.where(missing, self._before, inputs)
-        jump = np.abs(given - self._before)
-        known = self._rows * min(step, 1.0) > FADES
-        odd = known & (jump > STEADY * self._largest) & (jump > LEAST_JUMP * (self._high - self._low)) & ~self._doubted
-        result = np.where(odd, self._before, given)
-        self._doubted = odd
+        filled = np.where(missing, self._before, inputs)
+        jump = np.abs(filled - self._before)
+        warmed_up = self._rows * min(step, 1.0) > FADES
+        jumps = (
+            warmed_up
+            & (jump > STEADY * self._largest)
+            & (jump > LEAST_JUMP * (self._high - self._low))
+            & ~self._doubted
+        )
+        result = np.where(jumps, self._before, filled)
+        self._doubted = jumps
         decay = np.exp(-min(step, FADES) / FADES)
-        self._largest = np.where(odd, self._largest, np.maximum(jump, self._largest * decay))
+        self._largest = np.where(jumps, self._largest, np.maximum(jump, self._largest * decay))
         self._low, self._high = np.minimum(self._low, result), np.maximum(self._high, result)
         self._before, self._rows = result, self._rows + 1
-        return result, tuple(name for name, held in zip(self._names, odd, strict=True) if held)
+        return result, tuple(name for name, held in zip(self._names, jumps, strict=True) if held)
 
 
 def as_row(values: Mapping[str, float], names: Sequence[str]) -> Array:
@@ -254,15 +259,15 @@ def follow(
             channel.signal: float(channel.convert(np.array([_magnitude(channel, row, place, number)]))[0])
             for channel in channels
         }
-        given = {
+        of_inputs = {
             name: signals[s] for name in tracker.space.model.inputs for s in aliases.get(name, (name,)) if s in signals
         }
         defaults = tracker.space.model.defaults
-        inputs = as_row({**defaults, **given}, tracker.space.model.inputs)
+        inputs = as_row({**defaults, **of_inputs}, tracker.space.model.inputs)
         readings = as_row({name: signals[name] for name in tracker.readings}, tracker.space.model.outputs)
         values, sds, held = live.push(time, inputs, readings)
-        known = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
-        writer.writerow([f"{time:.9g}", *known, " ".join(held)])
+        numbers = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
+        writer.writerow([f"{time:.9g}", *numbers, " ".join(held)])
         out.flush()
     return live.verdict()
 

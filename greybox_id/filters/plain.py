@@ -39,16 +39,16 @@ class PlainFilter:
         return cost, histories[0] if kept != "nothing" else None
 
 
-def _went_through(one: _Ekf | _Ukf, s: Array, y: Array) -> History:
+def _went_through(filter_: _Ekf | _Ukf, s: Array, y: Array) -> History:
     count = len(s)
-    known = blank_history(1, count, len(one.x), y.shape[1], "both ways")
+    history = blank_history(1, count, len(filter_.x), y.shape[1], "both ways")
     for k in range(count):
-        known.predicted[k], known.predicted_P[k] = one.x, one.P
-        known.off[k], known.spread[k] = one.read(s[k], y[k])
-        known.filtered[k], known.filtered_P[k] = one.x, one.P
+        history.predicted[k], history.predicted_P[k] = filter_.x, filter_.P
+        history.off[k], history.spread[k] = filter_.read(s[k], y[k])
+        history.filtered[k], history.filtered_P[k] = filter_.x, filter_.P
         if k + 1 < count:
-            known.forward[k] = one.step(s[k])
-    return known
+            history.forward[k] = filter_.step(s[k])
+    return history
 
 
 def _numbers(function: cs.Function, *arguments: Array) -> list[Array]:
@@ -70,14 +70,14 @@ class _Ekf:
         for i in np.flatnonzero(np.isfinite(y)):
             h = H[i]
             off[i] = y[i] - y0[i, 0] - h @ (self.x - x0)
-            known = float(h @ self.P @ h)
-            spread[i] = known + noise[i, 0]
-            taken = max(spread[i], off[i] ** 2 / self.gate**2)
-            self.cost += 0.5 * (off[i] ** 2 / taken + np.log(taken))
-            K = self.P @ h / taken
+            predicted_variance = float(h @ self.P @ h)
+            spread[i] = predicted_variance + noise[i, 0]
+            variance = max(spread[i], off[i] ** 2 / self.gate**2)
+            self.cost += 0.5 * (off[i] ** 2 / variance + np.log(variance))
+            K = self.P @ h / variance
             self.x = self.x + K * off[i]
-            left = np.eye(len(h)) - np.outer(K, h)
-            self.P = left @ self.P @ left.T + (taken - known) * np.outer(K, K)
+            reduction = np.eye(len(h)) - np.outer(K, h)
+            self.P = reduction @ self.P @ reduction.T + (variance - predicted_variance) * np.outer(K, K)
         return off, spread
 
     def step(self, s: Array) -> Array:
@@ -123,33 +123,33 @@ class _Ukf:
 
     def read(self, s: Array, y: Array) -> tuple[Array, Array]:
         """Update with readings; returns innovations and their variances."""
-        there = np.flatnonzero(np.isfinite(y))
+        read = np.flatnonzero(np.isfinite(y))
         off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
-        if len(there) == 0:
+        if len(read) == 0:
             return off, spread
-        value = self._filter
-        noise = _numbers(self.space.output, self.x, s, self.p)[1][there, 0]
-        value.sigmas_f = value.points_fn.sigma_points(value.x, value.P)
-        expected = np.array([self._read(point, s)[there] for point in value.sigmas_f])
-        mean = value.Wm @ expected
-        off[there] = y[there] - mean
-        spread[there] = value.Wc @ (expected - mean) ** 2 + noise
-        noise = noise + np.maximum(off[there] ** 2 / self.gate**2 - spread[there], 0)
-        value.update(y[there], R=np.diag(noise), hx=lambda point: self._read(point, s)[there])
-        value.P = (value.P + value.P.T) / 2
-        self.cost += 0.5 * float(value.y @ value.SI @ value.y + np.linalg.slogdet(value.S)[1])
+        ukf = self._filter
+        noise = _numbers(self.space.output, self.x, s, self.p)[1][read, 0]
+        ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
+        expected = np.array([self._read(point, s)[read] for point in ukf.sigmas_f])
+        mean = ukf.Wm @ expected
+        off[read] = y[read] - mean
+        spread[read] = ukf.Wc @ (expected - mean) ** 2 + noise
+        noise = noise + np.maximum(off[read] ** 2 / self.gate**2 - spread[read], 0)
+        ukf.update(y[read], R=np.diag(noise), hx=lambda point: self._read(point, s)[read])
+        ukf.P = (ukf.P + ukf.P.T) / 2
+        self.cost += 0.5 * float(ukf.y @ ukf.SI @ ukf.y + np.linalg.slogdet(ukf.S)[1])
         return off, spread
 
     def step(self, s: Array) -> Array:
         """Predict the next segment; returns the covariance of x with its prediction."""
-        value = self._filter
-        before = value.points_fn.sigma_points(value.x, value.P)
-        value.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
+        ukf = self._filter
+        before = ukf.points_fn.sigma_points(ukf.x, ukf.P)
+        ukf.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
         ahead = np.array([self._step(point, 0.0, s) for point in before])
-        value.compute_process_sigmas(0.0, s=s)
-        from_here, to_there = before - _mean(before, value.Wm), ahead - _mean(ahead, value.Wm)
-        forward = np.asarray(np.einsum("k,ki,kj->ij", value.Wc, from_here, to_there))
-        value.predict(0.0, s=s)
+        ukf.compute_process_sigmas(0.0, s=s)
+        before_deviations, ahead_deviations = before - _mean(before, ukf.Wm), ahead - _mean(ahead, ukf.Wm)
+        forward = np.asarray(np.einsum("k,ki,kj->ij", ukf.Wc, before_deviations, ahead_deviations))
+        ukf.predict(0.0, s=s)
         return forward
 
     def _step(self, point: Array, dt: float, s: Array) -> Array:

@@ -99,10 +99,10 @@ class StateSpace:
         self.model, self.tracked, self.coloured = model, tuple(tracked), tuple(coloured)
         self.throughout = throughout
         self.trace = trace = MotionTrace(model)
-        own_names = tuple(one.name for one in self.tracked)
-        self.walking = (*trace.names, *own_names)
+        tracked_names = tuple(one.name for one in self.tracked)
+        self.walking = (*trace.names, *tracked_names)
         self.carried = (*(a.name for a in model.actuators), *(r.quantity for r in model.relaxations))
-        self.names = (*trace.names, *self.carried, *own_names, *(f"{name}_colour" for name in self.coloured))
+        self.names = (*trace.names, *self.carried, *tracked_names, *(f"{name}_colour" for name in self.coloured))
         self.size = len(self.names)
         self.noises = (
             *(f"walk_{name}" for name in self.walking),
@@ -112,8 +112,8 @@ class StateSpace:
         )
         x, s = cs.SX.sym("x", self.size), cs.SX.sym("s", trace.segment_size)
         p = cs.SX.sym("p", model.size + len(self.noises))
-        behind = trace.size + len(self.tracked)
-        z, value, colour = x[: trace.size], x[trace.size : behind], x[behind:]
+        end_of_tracked = trace.size + len(self.tracked)
+        z, value, colour = x[: trace.size], x[trace.size : end_of_tracked], x[end_of_tracked:]
         parameters = self._parameters(value, p[: model.size])
         noise = dict(zip(self.noises, cs.vertsplit(p[model.size :]), strict=True))
         ahead = cs.vertcat(
@@ -135,12 +135,13 @@ class StateSpace:
         `SLOWEST`; and those of tracked parameters.
         """
         x, s, p, z, parameters = self._of
-        value = {one.name: parameters[self.place(one.name)] for one in self.tracked}
-        requested = dict.fromkeys(n for n in names if n != "sideslip" and n not in value)
+        tracked_values = {one.name: parameters[self.place(one.name)] for one in self.tracked}
+        requested = dict.fromkeys(n for n in names if n != "sideslip" and n not in tracked_values)
         if "sideslip" in names:
             requested |= dict.fromkeys(("v_x", "v_y"))
         result = (
-            dict(zip(requested, cs.vertsplit(self.trace.told(tuple(requested))(z, s, parameters)), strict=True)) | value
+            dict(zip(requested, cs.vertsplit(self.trace.told(tuple(requested))(z, s, parameters)), strict=True))
+            | tracked_values
         )
         if "sideslip" in names:
             slow = cs.fabs(result["v_x"]) < SLOWEST
@@ -191,11 +192,11 @@ class StateSpace:
 
     def _joined(self, h: cs.SX, T: cs.SX) -> cs.SX:
         """Variance of a Gauss-Markov process's noise over a segment, relative to its stationary variance."""
-        value = -cs.expm1(-2 * h / T)
+        share = -cs.expm1(-2 * h / T)
         if not self.throughout:
-            return value
+            return share
         decay = cs.exp(-h / T)
-        return value * 3 / (1 + decay + decay**2)  # early noise decays until the end
+        return share * 3 / (1 + decay + decay**2)  # early noise decays until the end
 
 
 def _differentiated(name: str, x: cs.SX, s: cs.SX, p: cs.SX, value: cs.SX, variance: cs.SX) -> cs.Function:
@@ -259,9 +260,9 @@ def _with_parameter(model: MotionModel, name: str, effects: Mapping[str, Effect]
     if name in model.inputs:
         signals = model.aliases.get(name, (name,))
         free = replace(model, defaults={**model.defaults, name: 0.0})
-        same = next((signal for signal in signals if signal in model.quantities), "")
-        if same:  # track the quantity that the input determines, in a unit that needs no factor
-            return _with_parameter(free, same, effects)
+        quantity = next((signal for signal in signals if signal in model.quantities), "")
+        if quantity:  # track the quantity that the input determines, in a unit that needs no factor
+            return _with_parameter(free, quantity, effects)
         return free.with_parameters(Parameter(name, unit_of(signals[0]), 0.0)).altered(**{name: _given(name)}), name
     if name in model.quantities:
         parameter = Parameter(name, unit_of_quantity(name), 0.0, about="in place of its equation")
@@ -289,13 +290,13 @@ def _given(name: str) -> Callable[[Symbol, Quantities], Symbol]:
 
 
 def _tracked(model: MotionModel, name: str, returns: bool) -> Tracked:
-    entry = model[name]
-    value = float(entry.array)
-    positive = entry.bounds[0] >= 0 and value > 0
-    sd = SHARE * value if positive else _usual(model, entry)
-    if entry.prior is not None and np.isfinite(float(np.asarray(entry.prior.sd))):
-        sd = float(np.asarray(entry.prior.sd))
-    return Tracked(name, entry.unit, value, sd, logarithmic=positive, returns=returns)
+    parameter = model[name]
+    value = float(parameter.array)
+    positive = parameter.bounds[0] >= 0 and value > 0
+    sd = SHARE * value if positive else _usual(model, parameter)
+    if parameter.prior is not None and np.isfinite(float(np.asarray(parameter.prior.sd))):
+        sd = float(np.asarray(parameter.prior.sd))
+    return Tracked(name, parameter.unit, value, sd, logarithmic=positive, returns=returns)
 
 
 def _usual(model: MotionModel, parameter: Parameter) -> float:

@@ -124,8 +124,8 @@ def tracked_vehicle(
     source = SOURCE.format(recording=track.recording.name)
     before = vehicle.model.effects if vehicle.model is not None else {}
     model = track.model
-    there = [name for name in model.effects if name not in (*parameters, *disturbances)]
-    of_effects = {name: before.get(name, Stated(float(model[name].array))) for name in there}
+    model_effects = [name for name in model.effects if name not in (*parameters, *disturbances)]
+    of_effects = {name: before.get(name, Stated(float(model[name].array))) for name in model_effects}
     values = dict(vehicle.values)
     for name, (value, sd) in track.calibrated.items():
         stated = Stated(value, sd if np.isfinite(sd) and sd > 0 else None, source=source)

@@ -112,8 +112,8 @@ def noise_coordinates(
 
 def model_coordinates(model: MotionModel, tracked: Sequence[str]) -> list[Coordinate]:
     """The model's free scalar parameters that are not tracked, as coordinates."""
-    free = free_places(model.parameters)
-    return [_coordinate(model[name], place) for name, place in free.items() if name not in tracked]
+    places = free_places(model.parameters)
+    return [_coordinate(model[name], place) for name, place in places.items() if name not in tracked]
 
 
 def tuned(
@@ -196,8 +196,11 @@ class _Search:
         """Negative log-posterior up to a constant, and its gradient."""
         around = point + STEP * np.vstack([np.zeros(len(point)), np.eye(len(point))])
         costs = self.filtering.costs(self.runs, self.placed(around))
-        off = (point - self.mean) / self.sd
-        slope, cost = (costs[1:] - costs[0]) / STEP + off / self.sd, costs[0] + 0.5 * float(off @ off)
+        deviations = (point - self.mean) / self.sd
+        slope, cost = (
+            (costs[1:] - costs[0]) / STEP + deviations / self.sd,
+            costs[0] + 0.5 * float(deviations @ deviations),
+        )
         if not (np.isfinite(cost) and np.all(np.isfinite(slope))):
             return FAR_UP, np.zeros_like(slope)
         return float(cost), slope
@@ -216,8 +219,8 @@ class _Search:
         )  # in units of the prior's standard deviation, in which the prior's curvature is 1
         values, vectors = np.linalg.eigh((H + H.T) / 2)
         inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
-        here = self._blocks(point)
-        scores = np.array([(self._blocks(point + STEP * e) - here) / STEP for e in np.eye(len(point))])
+        block_costs = self._blocks(point)
+        scores = np.array([(self._blocks(point + STEP * e) - block_costs) / STEP for e in np.eye(len(point))])
         scores *= self.sd[:, None]
         values, vectors = np.linalg.eigh(inverse + inverse @ (scores @ scores.T) @ inverse)
         return np.asarray((vectors * np.clip(values, 0.0, 1.0)) @ vectors.T * self.sd * self.sd[:, None])
@@ -230,8 +233,8 @@ def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Arr
     """Cost of each block of readings."""
     blocks = []
     for run, history in zip(runs, filtering.histories(runs, p), strict=True):
-        taken = np.maximum(history.spread, history.off**2 / filtering.gate**2)
-        cost = np.nansum(0.5 * (history.off**2 / taken + np.log(taken)), axis=1)
+        variance = np.maximum(history.spread, history.off**2 / filtering.gate**2)
+        cost = np.nansum(0.5 * (history.off**2 / variance + np.log(variance)), axis=1)
         elapsed = np.concatenate(([0.0], np.cumsum(run.segments[:-1, 0])))
         number = (elapsed // BLOCK_SECONDS).astype(int)
         blocks.append(np.bincount(number, weights=cost))
@@ -252,7 +255,7 @@ def beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
 
 def believed(space: StateSpace, size: int) -> Array:
     """(k, size) one standard deviation of every free parameter with a prior, as moves of p; without tracked ones."""
-    moves = []
+    moves_of_p = []
     tracked = {item.name for item in space.tracked}
     for parameter in space.model.parameters:
         if parameter.shape != () or parameter.prior is None or parameter.fixed or parameter.name in tracked:
@@ -262,8 +265,8 @@ def believed(space: StateSpace, size: int) -> Array:
         if 0 < sd < np.inf and low <= value + step <= high:
             move = np.zeros(size)
             move[space.place(parameter.name)] = step
-            moves.append(move)
-    return np.array(moves).reshape(len(moves), size)
+            moves_of_p.append(move)
+    return np.array(moves_of_p).reshape(len(moves_of_p), size)
 
 
 def padded(space: StateSpace, uncertain: Array, size: int) -> Array:
@@ -338,12 +341,12 @@ def origins(space: StateSpace, stated: Mapping[str, float], tuned: Sequence[str]
 
 def units(space: StateSpace) -> dict[str, str]:
     """Noise -> SI unit of its size; for random walks it is per root second, and relative for logarithmic ones."""
-    known = {item.name: "1" if item.logarithmic else item.unit for item in space.tracked}
-    known = {state.name: state.unit for state in space.model.states} | known
+    of_states = {item.name: "1" if item.logarithmic else item.unit for item in space.tracked}
+    of_states = {state.name: state.unit for state in space.model.states} | of_states
     result = {}
     for name in space.noises:
         kind, _, of = name.partition("_")
-        result[name] = "s" if kind == "memory" else known.get(of, unit_of(of)) if kind == "walk" else unit_of(of)
+        result[name] = "s" if kind == "memory" else of_states.get(of, unit_of(of)) if kind == "walk" else unit_of(of)
     return result
 
 
@@ -363,8 +366,8 @@ def resolution_of(recording: Recording, read: Sequence[str]) -> dict[str, float]
         values = np.unique(recording[name][np.isfinite(recording[name])])
         steps = np.diff(values)
         steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-300)] if len(values) > 1 else steps
-        coarse = len(values) < STEPPED * len(recording) and len(steps) > 0
-        step = float(np.median(steps)) if coarse else 0.0
+        quantised = len(values) < STEPPED * len(recording) and len(steps) > 0
+        step = float(np.median(steps)) if quantised else 0.0
         result[name] = max(step / np.sqrt(12.0), SURE * scatter)
     return result
 
@@ -375,13 +378,13 @@ def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
         return scatter.get(of, 1.0)
     if kind == "colour":
         return 0.3 * scatter.get(of, 1.0)
-    value = next((one for one in space.tracked if one.name == of), None)
+    tracked = next((one for one in space.tracked if one.name == of), None)
     if kind == "memory":
-        return MEMORY if value is not None else COLOUR_MEMORY
-    if value is None:
+        return MEMORY if tracked is not None else COLOUR_MEMORY
+    if tracked is None:
         return PER_ROOT_SECOND * next(state.scale for state in space.model.states if state.name == of)
     replaces = of in space.model.inputs or of in space.model.quantities
-    return (FORCE_WALK if replaces and not value.logarithmic else PER_ROOT_SECOND) * value.start_sd
+    return (FORCE_WALK if replaces and not tracked.logarithmic else PER_ROOT_SECOND) * tracked.start_sd
 
 
 def _scatter(values: Array) -> float:

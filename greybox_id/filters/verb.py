@@ -62,13 +62,13 @@ AT_A_TIME = 20_000
 
 def joined(parts: Sequence[History], segments: Sequence[int]) -> list[History]:
     """Join innovations of parts to those of runs with the given numbers of segments."""
-    result, left = [], list(parts)
+    result, remaining = [], list(parts)
     for count in segments:
-        mine = [left.pop(0)]
-        while sum(len(part.off) for part in mine) < count:
-            mine.append(left.pop(0))
-        off, spread = (np.concatenate([getattr(part, name) for part in mine]) for name in ("off", "spread"))
-        result.append(replace(mine[0], off=off, spread=spread) if len(mine) > 1 else mine[0])
+        parts_of_run = [remaining.pop(0)]
+        while sum(len(part.off) for part in parts_of_run) < count:
+            parts_of_run.append(remaining.pop(0))
+        off, spread = (np.concatenate([getattr(part, name) for part in parts_of_run]) for name in ("off", "spread"))
+        result.append(replace(parts_of_run[0], off=off, spread=spread) if len(parts_of_run) > 1 else parts_of_run[0])
     return result
 
 
@@ -170,35 +170,35 @@ class Tracker:
         floors = resolution_of(clean, self.readings)
         p, moves = self._tune(runs, p, levels, floors, say)
         say(f"{how.filter.upper()} over {sum(len(run.run) for run in runs)} rows")
-        seen, spent = list[History](), list[float]()
-        result = self._estimates(self._through(runs, p, seen, spent, recording.name), runs, p)
-        histories = joined(seen, [len(run.segments) for run in runs])
-        judged, far = self._judged(runs, histories), lost(runs, histories, self.readings)
+        part_histories, filter_seconds = list[History](), list[float]()
+        result = self._estimates(self._through(runs, p, part_histories, filter_seconds, recording.name), runs, p)
+        histories = joined(part_histories, [len(run.segments) for run in runs])
+        judged, lost_stretches = self._judged(runs, histories), lost(runs, histories, self.readings)
         innovations, expected = (
             _stacked([getattr(h, name)[run.row_segment] for run, h in zip(runs, histories, strict=True)])
             for name in ("off", "spread")
         )
         np.sqrt(expected, out=expected)
-        seen.clear()
+        part_histories.clear()
         del histories  # for hours of data, release it before the next step
         widened = widening([judged[name] for name in self.readings])
-        known, about = self._identifiable(result)
+        identifiable, stiffness_sentences = self._identifiable(result)
         sds = result.variances
         for sd in sds.values():  # in place: for hours of data, a second copy is large
             np.sqrt(sd, out=sd)
             sd *= widened
         for j, move in enumerate(moves):
             say(f"adding the uncertainty of parameter {j + 1} of {len(moves)}")
-            for here, again, _ in self._along(self._through(runs, p + move), p + move):
+            for rows_of_block, estimates, _ in self._along(self._through(runs, p + move), p + move):
                 for k, name in enumerate(sds):
-                    off = again[:, k] - result.values[name][here]
-                    sds[name][here] = np.hypot(sds[name][here], np.where(np.isfinite(off), off, 0.0))
+                    off = estimates[:, k] - result.values[name][rows_of_block]
+                    sds[name][rows_of_block] = np.hypot(sds[name][rows_of_block], np.where(np.isfinite(off), off, 0.0))
         likelihood = -float(self.filtering.costs(runs, p[None])[0])
         rows = np.concatenate([np.asarray(run.run.rows) for run in runs])
         number: Array = np.repeat(np.arange(len(runs)), [len(run.run) for run in runs])
         del runs  # for hours of data, release them before the data checks
-        weighed = only_over_mass(space.model) if how.calibrate else []
-        slow = standing(result.values.get("sideslip"), SLOWEST)
+        mass_sentences = only_over_mass(space.model) if how.calibrate else []
+        slow_sentences = standing(result.values.get("sideslip"), SLOWEST)
         sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
         doubted = [*distrusted_data(recording, {*inputs, *self.readings}), *too_quiet(sizes, floors)]
         names = self.reported
@@ -223,20 +223,23 @@ class Tracker:
             consistency=judged,
             widened=widened,
             log_likelihood=likelihood,
-            sentences=(*doubted, *sentences, *weighed, *about, *slow, *far),
-            told=known,
+            sentences=(*doubted, *sentences, *mass_sentences, *stiffness_sentences, *slow_sentences, *lost_stretches),
+            told=identifiable,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
-            seconds=sum(spent),
+            seconds=sum(filter_seconds),
         )
 
     @property
     def reported(self) -> tuple[str, ...]:
         """Names of the estimates: sideslip, states, tyres and forces, and what is tracked."""
         model = self.space.model
-        known = {*model.quantities, *(combination.name for combination in model.combinations if combination.scaled_by)}
+        available = {
+            *model.quantities,
+            *(combination.name for combination in model.combinations if combination.scaled_by),
+        }
         states = self.space.trace.names
         has_slip = {"v_x", "v_y"} <= {*states, *model.inputs}
-        others = [n for n in REPORTED if n in known or (n == "sideslip" and has_slip)]
+        others = [n for n in REPORTED if n in available or (n == "sideslip" and has_slip)]
         return tuple(dict.fromkeys([*others[:1], *states, *others[1:], *(item.name for item in self.space.tracked)]))
 
     @property
@@ -254,12 +257,12 @@ class Tracker:
         """Noise, and parameters if requested, tuned on the beginning; and the uncertainty of the parameters."""
         how, space = self.how, self.space
         stated = self.stated_moves(len(p))
-        value = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
+        parameters = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
         noise = noise_coordinates(self.tuning, p, levels.open, floors) if how.tune or how.calibrate else []
-        if not noise and not value:
+        if not noise and not parameters:
             return p, stated
-        result: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, value, say)
-        return result.p, result.moves if value else stated
+        result: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, parameters, say)
+        return result.p, result.moves if parameters else stated
 
     def _calibrated(self, p: Array, moves: Array) -> dict[str, tuple[float, float]]:
         """The model's free parameters as tuned, with their standard deviations."""
@@ -342,12 +345,14 @@ class Tracker:
         """For each tracked parameter, the share of rows in which it is identifiable, and sentences on stiffness."""
         shares, sentences = {}, []
         for item in self.space.tracked:
-            known = identifiable_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
-            shares[item.name] = float(np.mean(known))
+            identifiable = identifiable_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
+            shares[item.name] = float(np.mean(identifiable))
             scaled = next((c.name for c in self.space.model.combinations if c.scaled_by == item.name), item.name)
             if scaled in STIFFNESSES:
                 axle = scaled[-2:]
-                sentences.append(unidentifiable(scaled, known, result.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
+                sentences.append(
+                    unidentifiable(scaled, identifiable, result.values.get(f"alpha{axle}"), f"F_y{axle[1:]}")
+                )
         return shares, [sentence for sentence in sentences if sentence]
 
     def _unit(self, name: str) -> str:

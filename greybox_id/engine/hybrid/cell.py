@@ -73,17 +73,17 @@ class Cell:
     ) -> tuple[Symbol, Symbol]:
         """The carried state a sample later, and the reported results now; parameters are by name."""
         model = self.model
-        known, acting = cs.vertsplit(u, len(model.inputs))
-        now, entry = carried, None
+        present, acting = cs.vertsplit(u, len(model.inputs))
+        now, results = carried, None
         for k in range(model.substeps):
-            begin, end = known, acting
+            begin, end = present, acting
             if model.integrator != "ab2":  # `acting` are the inputs at the end of the sample
-                begin, end = (known + share / model.substeps * (acting - known) for share in (k, k + 1))
+                begin, end = (present + share / model.substeps * (acting - present) for share in (k, k + 1))
             now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps, network)
-            entry = entry if entry is not None else cs.vertcat(*[quantities[name] for name in reported])
+            results = results if results is not None else cs.vertcat(*[quantities[name] for name in reported])
             if model.integrator == "ab2":
-                acting = known
-        return now, entry
+                acting = present
+        return now, results
 
     def start(self, states: Array) -> Array:
         """Carried state at the start of windows: (states, columns) -> (carried, columns).
@@ -102,16 +102,16 @@ class Cell:
             return self._one_step(carried, u, acting, p, h, network)
         names = [state.name for state in model.states]
         x = SimpleNamespace(**{name: carried[k, :] for k, name in enumerate(names)})
-        inputs, held = (
+        inputs, acting_inputs = (
             SimpleNamespace(**{name: each[k, :] for k, name in enumerate(model.inputs)}) for each in (u, acting)
         )
         physical = self._physical(p)
         z, remembered = network(cs.vertcat(*model.features(x, inputs, physical)), carried[2 * n + 1 :, :])
         _, quantities = model.physics(x, inputs, physical, cs.vertsplit(z))
-        rates, _ = model.physics(x, held, physical, cs.vertsplit(z))
+        rates, _ = model.physics(x, acting_inputs, physical, cs.vertsplit(z))
         rate = cs.vertcat(*[rates[name] for name in names])
-        begun = cs.repmat(carried[2 * n, :], n, 1)
-        following = carried[:n, :] + h * (rate + 0.5 * begun * (rate - carried[n : 2 * n, :]))
+        not_first = cs.repmat(carried[2 * n, :], n, 1)
+        following = carried[:n, :] + h * (rate + 0.5 * not_first * (rate - carried[n : 2 * n, :]))
         return cs.vertcat(following, rate, cs.DM.ones(1, u.shape[1]), remembered), {**vars(x), **quantities}
 
     def _one_step(
@@ -163,9 +163,9 @@ def _answer(
     layers: list[Symbol] = []
     start, layer, columns = 0, features, features.shape[1]
     for number, units in enumerate(network.hidden, 1):
-        value = before[start : start + units, :]
+        previous = before[start : start + units, :]
         bias = cs.repmat(p[f"b_{number}"], 1, columns)
-        layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ value + bias, 0)
+        layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ previous + bias, 0)
         layers.append(layer)
         start += units
     z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
@@ -222,10 +222,10 @@ def free_run(model: HybridModel, recording: Recording) -> dict[str, Array]:
         for k in range(0, len(stretch), _BLOCK):
             inputs = stretch.inputs[:, k : k + _BLOCK]
             rows = inputs.shape[1]
-            held = np.pad(inputs, ((0, 0), (0, _BLOCK - rows)), mode="edge")  # pads the last block; results are cut
-            after, known = block(carried, held, p)
+            padded = np.pad(inputs, ((0, 0), (0, _BLOCK - rows)), mode="edge")  # pads the last block; results are cut
+            after, results = block(carried, padded, p)
             carried, first = np.array(after)[:, -1:], stretch.rows.start + k
-            for name, values in zip(cell.reported, np.array(known), strict=True):
+            for name, values in zip(cell.reported, np.array(results), strict=True):
                 result[name][first : first + rows] = values[:rows]
     for name, (of, least) in model.untold.items():
         with np.errstate(invalid="ignore"):

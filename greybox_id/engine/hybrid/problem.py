@@ -53,10 +53,10 @@ class SquaredErrors:
         self._sweep = Sweep(model, traced, (starts.shape[1], inputs.shape[2]), columns)
         self._blocks = []
         for k in range(blocks):
-            value = np.arange(k * columns, (k + 1) * columns)
-            at = np.minimum(value, count - 1)  # padding of the last block, with weight zero
-            counts = weight[:, at] * (value < count)[:, None]
-            self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), target[:, at], counts))
+            numbers = np.arange(k * columns, (k + 1) * columns)
+            at = np.minimum(numbers, count - 1)  # padding of the last block, with weight zero
+            used_weight = weight[:, at] * (numbers < count)[:, None]
+            self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), target[:, at], used_weight))
 
     def __call__(self, p: Array) -> float:
         """Mean square at a parameter vector; infinite if the simulation diverges."""
@@ -72,10 +72,10 @@ class SquaredErrors:
         total, slope = 0.0, np.zeros(len(p))
         with np.errstate(all="ignore"):
             for starts, inputs, target, weight in self._blocks:
-                known, tape = self._sweep.forward(starts, inputs, p)
-                off = (known - target) * weight
-                total += float(np.sum(off**2))
-                slope += self._sweep.backward(2.0 * off * weight, tape)
+                results, tape = self._sweep.forward(starts, inputs, p)
+                errors = (results - target) * weight
+                total += float(np.sum(errors**2))
+                slope += self._sweep.backward(2.0 * errors * weight, tape)
         return total / self.readings, slope / self.readings
 
 
@@ -83,12 +83,12 @@ class WindowErrors(SquaredErrors):
     """Mean squared error over windows, in units of noise."""
 
     def __init__(self, model: HybridModel, stretchs: Sequence[Stretch], noise: Array) -> None:
-        laid, cell = windows(model, stretchs), Cell(model)
-        outputs = laid.outputs.transpose(0, 2, 1)
+        several, cell = windows(model, stretchs), Cell(model)
+        outputs = several.outputs.transpose(0, 2, 1)
         weight = np.where(np.isfinite(outputs), np.nan_to_num(1.0 / noise), 0.0)
         super().__init__(
-            model, partial(cell.traced, reported=model.outputs), cell.start(laid.starts).T,
-            laid.inputs.transpose(0, 2, 1), np.nan_to_num(outputs), weight, max(_ABREAST // len(outputs), _FEWEST),
+            model, partial(cell.traced, reported=model.outputs), cell.start(several.starts).T,
+            several.inputs.transpose(0, 2, 1), np.nan_to_num(outputs), weight, max(_ABREAST // len(outputs), _FEWEST),
         )  # fmt: skip
 
 
@@ -135,13 +135,13 @@ class HybridProblem:
     ) -> None:
         self.model, self.lesson = model, lesson
         self.errors = WindowErrors(model, stretchs, noise) if errors is None else errors
-        pull: list[float] = []
+        weight_decay: list[float] = []
         unit: list[float] = []
         prior: list[float] = []
         bounds: list[tuple[float, float]] = []
         for parameter in model.parameters:
             n, is_weight = parameter.size, parameter.name in model.network.shapes
-            pull += [PULL if is_weight else 0.0] * n
+            weight_decay += [PULL if is_weight else 0.0] * n
             sd = np.nan if parameter.prior is None else float(np.asarray(parameter.prior.sd))
             unit += [
                 1.0 if is_weight else sd if np.isfinite(sd) else _SHARE * max(abs(float(parameter.array)), 1e-9)
@@ -152,7 +152,7 @@ class HybridProblem:
         self.nominal = model.values
         self._means = self._prior_means()
         self._unit = np.array(unit)[self.free]
-        self._pull, self._prior = np.array(pull)[self.free], np.array(prior)[self.free]
+        self._pull, self._prior = np.array(weight_decay)[self.free], np.array(prior)[self.free]
         self.bounds = (np.array(bounds)[self.free] - self.nominal[self.free, None]) / self._unit[:, None]
 
     def parameters(self, q: Array) -> Array:
@@ -174,10 +174,14 @@ class HybridProblem:
             mean, slope = mean + more, slope + further
         if not (mean < _HUGE and np.all(np.isfinite(slope))):
             return _HUGE, np.zeros(len(q))
-        off = self._prior * (p[self.free] - self._means) / self._unit
-        pulled = self._pull * p[self.free]
-        loss = 0.5 * mean + 0.5 * float(off @ off) / self.errors.readings + 0.5 * float(pulled @ p[self.free])
-        return loss, self._unit * (0.5 * slope[self.free] + pulled) + off / self.errors.readings
+        deviations = self._prior * (p[self.free] - self._means) / self._unit
+        regulariser = self._pull * p[self.free]
+        loss = (
+            0.5 * mean
+            + 0.5 * float(deviations @ deviations) / self.errors.readings
+            + 0.5 * float(regulariser @ p[self.free])
+        )
+        return loss, self._unit * (0.5 * slope[self.free] + regulariser) + deviations / self.errors.readings
 
     def _prior_means(self) -> Array:
         result = [

@@ -35,7 +35,7 @@ class NetworkLayers:
 
     Attributes
     ----------
-    asked, answered : lengths of a question and of an answer.
+    question_size, answer_size : lengths of a question and of an answer.
     """
 
     def __init__(self, network: RecurrentNetwork | FeedForwardNetwork) -> None:
@@ -53,7 +53,7 @@ class NetworkLayers:
         layer = features = question[:, : network.features]
         if len(self._signs):
             layer = np.concatenate((features, features * self._signs))
-        stated, start = [layer], network.features
+        outputs, start = [layer], network.features
         for number, units in enumerate(network.hidden, 1):
             layer = layer @ p[f"W_{number}"].T
             layer += p[f"b_{number}"]
@@ -64,7 +64,7 @@ class NetworkLayers:
                 np.tanh(layer, out=layer)
             else:
                 np.maximum(layer, 0.0, out=layer)
-            stated.append(layer)
+            outputs.append(layer)
         z = layer @ p["W_out"].T
         if len(self._signs):  # biases of both halves cancel
             z = z[: len(features)] - z[len(features) :]
@@ -72,32 +72,32 @@ class NetworkLayers:
             z += p["b_out"]
         if network.skip:
             z += features @ p["W_skip"].T
-        return (np.concatenate((z, *stated[1:]), axis=1) if self._recurrent else z), stated
+        return (np.concatenate((z, *outputs[1:]), axis=1) if self._recurrent else z), outputs
 
-    def backward(self, slope: Array, question: Array, stated: list[Array], p: Weights, weights: Weights) -> Array:
+    def backward(self, slope: Array, question: Array, outputs: list[Array], p: Weights, weights: Weights) -> Array:
         """Derivative by the question from that by the answer; derivatives by weights are added to `weights`."""
         network = self._network
-        at, ones = network.outputs, np.ones(len(stated[0]))
+        at, ones = network.outputs, np.ones(len(outputs[0]))
         z = slope[:, :at]
         if network.skip:
-            weights["W_skip"][...] += z.T @ stated[0]
+            weights["W_skip"][...] += z.T @ outputs[0]
         if not len(self._signs):
             weights["b_out"][...] += ones @ z
         outer = np.concatenate((z, -z)) if len(self._signs) else z
-        weights["W_out"][...] += outer.T @ stated[-1]
+        weights["W_out"][...] += outer.T @ outputs[-1]
         layer, memory = outer @ p["W_out"], []
         at, start = slope.shape[1], question.shape[1]
         for number in range(len(network.hidden), 0, -1):
-            units, value = network.hidden[number - 1], stated[number]
+            units, output = network.hidden[number - 1], outputs[number]
             if self._recurrent:
                 layer += slope[:, at - units : at]
             if self._tanh:
-                bent = value * value
-                np.subtract(1.0, bent, out=bent)
-                layer *= bent
+                squared = output * output
+                np.subtract(1.0, squared, out=squared)
+                layer *= squared
             else:
-                layer *= value > 0.0
-            weights[f"W_{number}"][...] += layer.T @ stated[number - 1]
+                layer *= output > 0.0
+            weights[f"W_{number}"][...] += layer.T @ outputs[number - 1]
             weights[f"b_{number}"][...] += ones @ layer
             if self._recurrent:
                 weights[f"R_{number}"][...] += layer.T @ question[:, start - units : start]
@@ -156,48 +156,48 @@ class Sweep:
         physical = cs.MX.sym("physical", int(np.sum(self._physical)))
         p = cs.MX(model.size, 1)
         p[np.flatnonzero(self._physical).tolist()] = physical
-        requested: list[Symbol] = []
+        questions: list[Symbol] = []
         symbols: list[Symbol] = []
 
         def network(features: Symbol, before: Symbol) -> tuple[Symbol, Symbol]:
-            requested.append(cs.vertcat(features, before))
+            questions.append(cs.vertcat(features, before))
             symbols.append(cs.MX.sym("said", self._layers.answer_size, columns))
             return symbols[-1][: model.network.outputs, :], symbols[-1][model.network.outputs :, :]
 
-        moved, entry = traced(carried, u, parameters(model, p), network)
-        known = [carried, u, physical]
-        self._questions = [_Expression([*known, *symbols[:k]], item) for k, item in enumerate(requested)]
-        self._next = _Expression([*known, *symbols], moved)
-        self._results = _Expression([*known, *symbols], entry)
-        self._needed = any(cs.depends_on(entry, item) for item in symbols)
+        moved, results = traced(carried, u, parameters(model, p), network)
+        arguments = [carried, u, physical]
+        self._questions = [_Expression([*arguments, *symbols[:k]], item) for k, item in enumerate(questions)]
+        self._next = _Expression([*arguments, *symbols], moved)
+        self._results = _Expression([*arguments, *symbols], results)
+        self._needed = any(cs.depends_on(results, item) for item in symbols)
         """Whether a row's results depend on the network's answers of that row."""
 
     def forward(self, starts: Array, inputs: Array, p: Array) -> tuple[Array, Tape]:
         """The results, (rows, columns, numbers), and the record for `backward`."""
         weights, physical = self._weights(p), p[self._physical]
-        tape, known = Tape(inputs, p, [], [], [], []), []
+        tape, results = Tape(inputs, p, [], [], [], []), []
         now = starts
         for row, u in enumerate(inputs):
-            requested: list[Array] = []
-            stated: list[Array] = []
+            questions: list[Array] = []
+            answers: list[Array] = []
             layers: list[list[Array]] = []
             last = row == len(inputs) - 1
-            for ask in self._questions:
+            for question in self._questions:
                 if last and not self._needed:
-                    stated.append(np.zeros((len(now), self._layers.answer_size)))
+                    answers.append(np.zeros((len(now), self._layers.answer_size)))
                     continue
-                requested.append(ask(now, u, physical, *stated))
-                answer, kept = self._layers.forward(requested[-1], weights)
-                stated.append(answer)
-                layers.append(kept)
-            known.append(self._results(now, u, physical, *stated))
+                questions.append(question(now, u, physical, *answers))
+                answer, outputs = self._layers.forward(questions[-1], weights)
+                answers.append(answer)
+                layers.append(outputs)
+            results.append(self._results(now, u, physical, *answers))
             tape.carried.append(now)
-            tape.questions.append(requested)
-            tape.answers.append(stated)
+            tape.questions.append(questions)
+            tape.answers.append(answers)
             tape.layers.append(layers)
             if not last:
-                now = self._next(now, u, physical, *stated)
-        return np.array(known), tape
+                now = self._next(now, u, physical, *answers)
+        return np.array(results), tape
 
     def backward(self, slope: Array, tape: Tape) -> Array:
         """Derivative by the parameters, from that by the results, (rows, columns, numbers)."""
@@ -207,19 +207,19 @@ class Sweep:
         by_carried = np.zeros_like(tape.carried[0])
         last = len(tape.inputs) - 1
         for row in range(last, -1, -1):
-            known, stated = (tape.carried[row], tape.inputs[row], physical), tape.answers[row]
-            slopes = [self._results.back(slope[row], *known, *stated)]
+            arguments, answers = (tape.carried[row], tape.inputs[row], physical), tape.answers[row]
+            slopes = [self._results.back(slope[row], *arguments, *answers)]
             if row < last:
-                slopes.append(self._next.back(by_carried, *known, *stated))
-            by_carried, of_p, by_said = _summed(slopes)
+                slopes.append(self._next.back(by_carried, *arguments, *answers))
+            by_carried, of_p, by_answers = _summed(slopes)
             of_physical += of_p
             for k in range(len(tape.layers[row]) - 1, -1, -1):
-                requested = tape.questions[row][k]
-                by_asked = self._layers.backward(by_said[k], requested, tape.layers[row][k], weights, by_weights)
-                more, of_p, by_earlier = _summed([self._questions[k].back(by_asked, *known, *stated[:k])])
+                question = tape.questions[row][k]
+                by_question = self._layers.backward(by_answers[k], question, tape.layers[row][k], weights, by_weights)
+                more, of_p, by_earlier = _summed([self._questions[k].back(by_question, *arguments, *answers[:k])])
                 by_carried += more
                 of_physical += of_p
-                for item, further in zip(by_said, by_earlier, strict=False):
+                for item, further in zip(by_answers, by_earlier, strict=False):
                     item += further
         result[self._physical] = of_physical
         return result
@@ -248,5 +248,5 @@ class _Expression:
 
 def _summed(slopes: list[list[Array]]) -> tuple[Array, Array, list[Array]]:
     """Sums of the derivatives by the carried state, by physical parameters, and by each answer."""
-    carried, physical, *stated = (sum(item[1:], item[0]) for item in zip(*slopes, strict=True))
-    return carried, np.ravel(physical), stated
+    carried, physical, *answers = (sum(item[1:], item[0]) for item in zip(*slopes, strict=True))
+    return carried, np.ravel(physical), answers

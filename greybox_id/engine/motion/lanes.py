@@ -221,8 +221,8 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
     edge = np.concatenate([np.append(item.row_segment, len(item.segments)) + at for item, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]
     if cuts != 1:
-        of_each = [cuts] * len(intervals) if isinstance(cuts, int) else cuts
-        items = zip(intervals, of_each, strict=True)
+        cuts_of_each = [cuts] * len(intervals) if isinstance(cuts, int) else cuts
+        items = zip(intervals, cuts_of_each, strict=True)
         rows = [cut_rows(schedules[item.run], item.start, item.stop, count) for item, count in items]
         owner = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
         begin = edge[edges[owner] + np.concatenate(rows)]
@@ -230,13 +230,15 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
         owner, begin = np.arange(len(intervals)), edge[edges + start]
     first = np.append(True, np.diff(owner) > 0)
     length = np.where(np.append(first[1:], True), edge[edges + stop][owner], np.append(begin[1:], 0)) - begin
-    filled = np.zeros(1, dtype=np.intp) if _alike(schedules, run[owner], begin - offsets[run[owner]], length) else owner
-    segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
+    lanes_stored = (
+        np.zeros(1, dtype=np.intp) if _alike(schedules, run[owner], begin - offsets[run[owner]], length) else owner
+    )
+    segments, reads = _filled(schedules, begin[: len(lanes_stored)], length[: len(lanes_stored)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
     del edge  # large for hours of data
-    where = np.full(offsets[-1], -1, dtype=np.intp)
-    where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
+    lane_of_segment = np.full(offsets[-1], -1, dtype=np.intp)
+    lane_of_segment[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
     )
     number = np.cumsum(reads) - 1
@@ -246,9 +248,11 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
     for k in range(lane.shape[1]):  # output by output: intermediate arrays of hours of data are large
         columns = [(item.read_segment[:, k], at) for item, at in numbered]
         read = _joined([np.where(column < 0, -1, column + at) for column, at in columns])[row]
-        mine = np.where(read >= 0, where[np.maximum(read, 0)], -1)
-        lane[:, k] = mine
-        rank[:, k] = np.where(mine >= 0, number[np.where(mine >= 0, read - begin[mine], 0)], -1)
+        lane_of_reading = np.where(read >= 0, lane_of_segment[np.maximum(read, 0)], -1)
+        lane[:, k] = lane_of_reading
+        rank[:, k] = np.where(
+            lane_of_reading >= 0, number[np.where(lane_of_reading >= 0, read - begin[lane_of_reading], 0)], -1
+        )
     lane, rank = (np.broadcast_to(item, (len(row), outputs)) if alike else item for item in (lane, rank))
     return Lanes(
         segments=np.broadcast_to(segments, (len(begin), *segments.shape[1:])),
@@ -387,9 +391,9 @@ def chained(
     G[first, :, :moving] = starts_by_p[order[value][first]]
     G[:, loose, moving + np.arange(len(loose))] = first[:, None]
     for lane in np.flatnonzero(~first):
-        beginning, end = (G[lane - 1], ends[lane - 1]) if lane or before is None else before
-        G[lane] = end[:, :size] @ beginning
-        G[lane, :, :moving] += end[:, size:]
+        start_by, end_by = (G[lane - 1], ends[lane - 1]) if lane or before is None else before
+        G[lane] = end_by[:, :size] @ start_by
+        G[lane, :, :moving] += end_by[:, size:]
     return G
 
 
@@ -467,8 +471,11 @@ def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Mask]:
             holds.append(~(np.abs(table[:, names.index(item.signal)]) < item.least))
         for k, output in enumerate(model.outputs):
             read = [np.isfinite(run.measured[:, k]) for run in runs]
-            left, all_there = sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)), sum(map(np.sum, read))
-            if output in item.outputs and left >= CRAWLING * all_there:
-                for one, there in zip(result, holds, strict=True):
-                    one[:, k] &= there
+            valid_readings, readings = (
+                sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)),
+                sum(map(np.sum, read)),
+            )
+            if output in item.outputs and valid_readings >= CRAWLING * readings:
+                for mask, holds_in_run in zip(result, holds, strict=True):
+                    mask[:, k] &= holds_in_run
     return result

@@ -137,15 +137,17 @@ def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str
     """
     result: dict[str, str] = {}
     for name in model.aliases:
-        held = {text: recording.name for recording in reversed(recordings) if (text := _signal(model, recording, name))}
-        if len(held) > 1:
-            known = ", ".join(f"{signal} in {recording}" for signal, recording in held.items())
+        signals = {
+            text: recording.name for recording in reversed(recordings) if (text := _signal(model, recording, name))
+        }
+        if len(signals) > 1:
+            listed = ", ".join(f"{signal} in {recording}" for signal, recording in signals.items())
             raise BadInput(
-                f"the signal for {name} differs between recordings ({known}): keep one of these signals "
+                f"the signal for {name} differs between recordings ({listed}): keep one of these signals "
                 f"in the column maps, or fit the recordings one by one."
             )
-        if held:
-            (result[name],) = held
+        if signals:
+            (result[name],) = signals
     return result
 
 
@@ -227,20 +229,20 @@ def schedule(
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
     parts = np.broadcast_to(segments_of_rows(run, longest), rows)
     steps = np.append(np.diff(run.time), run.sample_time)
-    inside = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
-    within = [run.time[item] + steps[item] * k / parts[item] for k, item in enumerate(inside, 1)]
-    every = np.arange(rows)
-    late_rows = every if read is None else np.flatnonzero(read)
+    cut_rows = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
+    times_within = [run.time[item] + steps[item] * k / parts[item] for k, item in enumerate(cut_rows, 1)]
+    all_rows = np.arange(rows)
+    late_rows = all_rows if read is None else np.flatnonzero(read)
     late = [run.time[late_rows] - shifts[k] for k in cuts if k >= delays]
     delayed = [run.time + shifts[k] for k in cuts if k < delays]
     # At equal instants: delayed commands arrive first, then the rows' own commands, then late readings are taken.
     first_late = sum(k < delays for k in cuts)
-    kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
-    times = [*delayed, run.time, *late, *within]
+    kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in times_within)]
+    times = [*delayed, run.time, *late, *times_within]
     counts = [len(time) for time in times]
     instant, kind = np.concatenate(times), np.repeat(kinds, counts)
-    row = np.concatenate([*[every] * (len(delayed) + 1), *[late_rows] * len(late), *inside])
-    order = every
+    row = np.concatenate([*[all_rows] * (len(delayed) + 1), *[late_rows] * len(late), *cut_rows])
+    order = all_rows
     if len(times) > 1:
         order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
         order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
@@ -248,11 +250,13 @@ def schedule(
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)
     fixed = [k for k in cuts if k >= delays and moving is not None and not moving[k]]
-    same = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(kind, fixed)  # no new segment: the instant exists
-    taker, late_kind, late_row = np.cumsum(~same) - 1, kind, row
-    if np.any(same):
-        instant, kind, row = (values[~same] for values in (instant, kind, row))
-    del steps, every, order  # each is large for hours of data
+    coincides = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(
+        kind, fixed
+    )  # no new segment: the instant exists
+    taker, late_kind, late_row = np.cumsum(~coincides) - 1, kind, row
+    if np.any(coincides):
+        instant, kind, row = (values[~coincides] for values in (instant, kind, row))
+    del steps, all_rows, order  # each is large for hours of data
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))
@@ -270,20 +274,20 @@ def schedule(
     places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
     row_segment[row[kind == -1]] = places[kind == -1]
-    taken = np.broadcast_to(row_segment[:, None], (rows, len(trace.model.outputs)))
+    read_segment = np.broadcast_to(row_segment[:, None], (rows, len(trace.model.outputs)))
     if any(k >= delays for k in cuts):
-        taken = taken.copy()
+        read_segment = read_segment.copy()
     for k, name in enumerate(trace.late):
-        value = late_kind == delays + k
+        of_output = late_kind == delays + k
         if delays + k not in cuts:
             continue
         column = trace.model.outputs.index(name)
-        taken[:, column] = -1
-        taken[late_row[value], column] = taker[value]
+        read_segment[:, column] = -1
+        read_segment[late_row[of_output], column] = taker[of_output]
     reads = np.zeros(len(kind), dtype=bool)
-    for column in taken.T:  # column by column: a copy of all is large for hours of data
+    for column in read_segment.T:  # column by column: a copy of all is large for hours of data
         reads[column[column >= 0]] = True
-    return Schedule(segments, row_segment, taken, reads)
+    return Schedule(segments, row_segment, read_segment, reads)
 
 
 def segments_of_rows(run: MotionRun, longest: float | Array) -> NDArray[np.intp]:
@@ -312,13 +316,13 @@ def _commands(
         source = source if source in cuts else -1
         shift = shifts[source] if source >= 0 else 0.0
         before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # last command to arrive by the start
-        current = np.maximum.accumulate(np.where(kind == source, row, before))
-        known = np.maximum(current, 0)
-        to[:, k], to[:, inputs + k] = run.inputs[known, k], 0.0
+        arrived = np.maximum.accumulate(np.where(kind == source, row, before))
+        row_of_command = np.maximum(arrived, 0)
+        to[:, k], to[:, inputs + k] = run.inputs[row_of_command, k], 0.0
         if not run.held[k]:
             slope = np.append(np.diff(run.inputs[:, k]), 0.0) / steps
-            to[:, inputs + k] = np.where(current >= 0, slope[known], 0.0)
-            to[:, k] += to[:, inputs + k] * (instant - shift - run.time[known])
+            to[:, inputs + k] = np.where(arrived >= 0, slope[row_of_command], 0.0)
+            to[:, k] += to[:, inputs + k] * (instant - shift - run.time[row_of_command])
 
 
 ACCURATE, STABLE = 1.0, 2.3
@@ -337,19 +341,18 @@ FEW, ABOUT = 3.0, 0.5
 ABOUT seconds, since a simulated state is not exactly the measured one."""
 UNLIMITED = 1e10
 """Finite value in place of an infinite parameter, which means no limit at all."""
-"""Stands for parameters that mean no limit at all."""
 
 
 def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> float:
     """The longest permitted segment, s, for these runs at these parameters."""
     shortest = min(run.sample_time for run in runs)
     sampled = [np.unique(np.linspace(0, len(run) - 1, max(3, SAMPLED_ROWS // len(runs))).astype(int)) for run in runs]
-    known = [_fastest(trace, run, rows, p) for run, rows in zip(runs, sampled, strict=True)]
-    fastest = np.concatenate([item[np.isfinite(item)] for item in known])
+    eigenvalues = [_fastest(trace, run, rows, p) for run, rows in zip(runs, sampled, strict=True)]
+    fastest = np.concatenate([item[np.isfinite(item)] for item in eigenvalues])
     if len(fastest) == 0:
         return shortest
-    usual, most = max(float(np.quantile(fastest, 0.95)), 1e-9), max(float(np.max(fastest)), 1e-9)
-    return float(np.clip(min(ACCURATE / usual, STABLE / most), least_segment(shortest), shortest))
+    typical, most = max(float(np.quantile(fastest, 0.95)), 1e-9), max(float(np.max(fastest)), 1e-9)
+    return float(np.clip(min(ACCURATE / typical, STABLE / most), least_segment(shortest), shortest))
 
 
 def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> list[Array]:
@@ -358,16 +361,16 @@ def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) ->
     A standing vehicle is stiff, and the segments that it needs are not needed at speed. Equals `longest_segment`
     everywhere if that makes only a few segments per row.
     """
-    usual = longest_segment(trace, runs, p)
-    if min(run.sample_time for run in runs) <= FEW * usual:
-        return [np.full(len(run), usual) for run in runs]
+    typical = longest_segment(trace, runs, p)
+    if min(run.sample_time for run in runs) <= FEW * typical:
+        return [np.full(len(run), typical) for run in runs]
     result = []
     for run in runs:
         fastest = _fastest(trace, run, np.arange(len(run)), p)
-        fastest = np.where(np.isfinite(fastest), fastest, ACCURATE / usual)
+        fastest = np.where(np.isfinite(fastest), fastest, ACCURATE / typical)
         near = 2 * max(1, round(ABOUT / run.sample_time)) + 1
         fastest = np.maximum(moving_maximum(fastest, near), 1e-9)
-        result.append(np.clip(ACCURATE / fastest, usual, run.sample_time))
+        result.append(np.clip(ACCURATE / fastest, typical, run.sample_time))
     return result
 
 
@@ -379,8 +382,8 @@ def _fastest(trace: MotionTrace, run: MotionRun, rows: Index, p: Array) -> Array
         return result
     segment = np.zeros((len(rows), trace.segment_size))
     segment[:, 1 : 1 + len(trace.model.inputs)] = run.inputs[rows]
-    known = trace.stiffness(np.nan_to_num(state), segment, np.where(np.isfinite(p), p, UNLIMITED))
-    A = np.asarray(known).reshape(len(rows), len(trace.names), len(trace.names))
+    jacobians = trace.stiffness(np.nan_to_num(state), segment, np.where(np.isfinite(p), p, UNLIMITED))
+    A = np.asarray(jacobians).reshape(len(rows), len(trace.names), len(trace.names))
     finite = np.all(np.isfinite(A), axis=(1, 2))
     result[finite] = np.max(np.abs(np.linalg.eigvals(A[finite])), axis=1)
     return result

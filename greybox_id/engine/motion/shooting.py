@@ -49,7 +49,7 @@ class SimulatedRuns:
     lanes : the intervals as lanes, at the shifts' values.
     cut : the same, cut into more lanes for linearising.
     starts : (lanes of cut, nz) their initial states.
-    along : the one of `lanes` and `cut` that was simulated.
+    used : the one of `lanes` and `cut` that was simulated.
     read : (L, R, outputs) readings of its lanes.
     """
 
@@ -287,12 +287,12 @@ class MotionProblem:
                 inner, pull = T.swapaxes(1, 2) @ inner @ T, (pull[:, None] @ T)[:, 0]
         _add(H, g, index, inner, pull)
 
-        def frozen_gradient(x_there: Array, there: SimulatedRuns) -> Array:
-            e, _ = self.against(there.used).weighted(there.read)
-            e = e if there.used is cut else there.used.gathered(e, 0.0)  # in two steps: each array may be large
-            e = e if there.used is cut else cut.scattered(e)
+        def frozen_gradient(other_x: Array, other: SimulatedRuns) -> Array:
+            e, _ = self.against(other.used).weighted(other.read)
+            e = e if other.used is cut else other.used.gathered(e, 0.0)  # in two steps: each array may be large
+            e = e if other.used is cut else cut.scattered(e)
             _, _, pull = self._accumulated(x, nodes, e)
-            result = self.prior_gradient(x_there)
+            result = self.prior_gradient(other_x)
             _add(None, result, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
             return result
 
@@ -335,18 +335,18 @@ class MotionProblem:
         e, place = nodes.used.gathered(e, 0.0), cut.flat.reshape(cut.lane.shape)
         begins = np.full(len(self.intervals), -1)
         for item, J in self._linearised(x, nodes):
-            flat, before = J.reshape(-1, J.shape[-1]), item.start * J.shape[1] * J.shape[2]
+            flat, skipped = J.reshape(-1, J.shape[-1]), item.start * J.shape[1] * J.shape[2]
             readings = np.flatnonzero(np.any((cut.lane >= item.start) & (cut.lane < item.stop), axis=1))
             rows = np.arange(readings[0], readings[-1] + 1) if len(readings) else readings
             lane = cut.lane[rows]
             owner = np.where((lane >= item.start) & (lane < item.stop), cut.interval[lane], -1)
             for k in np.unique(owner[owner >= 0]).tolist():
-                here = np.flatnonzero(np.any(owner == k, axis=1))
-                theirs, mine = rows[here[0] : here[-1] + 1], owner[here[0] : here[-1] + 1] == k
-                begins[k] = theirs[0] if begins[k] < 0 else begins[k]
-                full = np.zeros((*mine.shape, len(self.layout.index[k])))
-                full[:, :, self._chosen] = flat[np.where(mine, place[theirs] - before, 0)] * mine[:, :, None]
-                yield k, int(theirs[0] - begins[k]), np.where(mine, e[theirs], 0.0), full
+                inside = np.flatnonzero(np.any(owner == k, axis=1))
+                rows_of_part, mask = rows[inside[0] : inside[-1] + 1], owner[inside[0] : inside[-1] + 1] == k
+                begins[k] = rows_of_part[0] if begins[k] < 0 else begins[k]
+                full = np.zeros((*mask.shape, len(self.layout.index[k])))
+                full[:, :, self._chosen] = flat[np.where(mask, place[rows_of_part] - skipped, 0)] * mask[:, :, None]
+                yield k, int(rows_of_part[0] - begins[k]), np.where(mask, e[rows_of_part], 0.0), full
 
     def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""

@@ -126,17 +126,17 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     readings = run.measured[:, [model.outputs.index(name) for name in names]]
     complete = np.all(np.isfinite(readings), axis=1)
     first = [item[np.isfinite(item)][0] for item in readings.T]
-    known = np.where(complete[:, None], readings, first)
+    starts = np.where(complete[:, None], readings, first)
     corrected = np.empty((len(run), simulator.trace.size))
     for first_row in range(0, len(run), AT_A_TIME):  # in blocks, since initial states come with unused derivatives
         rows = slice(first_row, first_row + AT_A_TIME)
-        corrected[rows], _ = simulator.start(names, known[rows], run.inputs[rows], p)
-    given = np.isin(np.arange(simulator.trace.size), states)
-    if given.all() and complete.all():
+        corrected[rows], _ = simulator.start(names, starts[rows], run.inputs[rows], p)
+    measured = np.isin(np.arange(simulator.trace.size), states)
+    if measured.all() and complete.all():
         return corrected
     simulator.kernel.expect(ALONE * len(plan.segments))
     with np.errstate(all="ignore"):
-        return simulator.kernel.followed(plan.segments, p, plan.row_segment, corrected, given, complete)
+        return simulator.kernel.followed(plan.segments, p, plan.row_segment, corrected, measured, complete)
 
 
 MOST_STARTS = 4000
@@ -166,8 +166,8 @@ class Predictor:
         self._read = [run.states_read(model) for run in self.runs]
         self._observed: list[Array] | None = None
         self._seen = any(self._read) and not self._given  # readings along the run tell the model's stiffness
-        known = self.runs if self._seen else [self._held(run) for run in self.runs]
-        self._lay_out(longest_segment(simulator.trace, known, p))
+        run_data = self.runs if self._seen else [self._held(run) for run in self.runs]
+        self._lay_out(longest_segment(simulator.trace, run_data, p))
 
     def free_run(self) -> Prediction:
         """Every run simulated from the readings of its first row to its end."""
@@ -271,9 +271,11 @@ class Predictor:
         length = int(np.max(last - first)) + 1
         beyond = np.zeros((length, plan.segments.shape[1]))
         windows = sliding_window_view(np.concatenate((plan.segments, beyond)), length, axis=0).swapaxes(1, 2)
-        apart = np.diff(first)
-        even = len(apart) > 0 and apart[0] > 0 and np.all(apart == apart[0])  # then a view of the windows suffices
-        segments = windows[first[0] : first[-1] + 1 : apart[0]] if even else windows[first]
+        spacing = np.diff(first)
+        equally_spaced = (
+            len(spacing) > 0 and spacing[0] > 0 and np.all(spacing == spacing[0])
+        )  # then a view of the windows suffices
+        segments = windows[first[0] : first[-1] + 1 : spacing[0]] if equally_spaced else windows[first]
         rank = np.where(read >= 0, read - first[:, None, None], 0)
         reads, nothing = np.zeros(length, dtype=bool), np.zeros(length + 1, dtype=bool)
         reads[np.unique(rank)] = True
@@ -345,8 +347,8 @@ class IntervalStarts:
         self._model = model
         read = [run.states_read(model) for run in runs]
         owner, begin, _ = (np.array(item) for item in zip(*intervals, strict=True))
-        known = [name in names for names in read for name in simulator.trace.names]
-        self._read = np.array(known, dtype=bool).reshape(len(runs), -1)[owner]
+        is_read = [name in names for names in read for name in simulator.trace.names]
+        self._read = np.array(is_read, dtype=bool).reshape(len(runs), -1)[owner]
         self._groups = []
         for names in dict.fromkeys(read):
             which = np.flatnonzero(np.array([states == names for states in read])[owner])
@@ -422,13 +424,13 @@ class IntervalStarts:
         """
         if len(p) > 1 and np.all(p[1:, :, self._touched] == p[:1, :, self._touched]):
             return np.repeat(self.of_many(p[:1]), len(p), axis=0)
-        value = p[:, [interval.run for interval in self._intervals]]
-        sets = len(value)
+        of_intervals = p[:, [interval.run for interval in self._intervals]]
+        sets = len(of_intervals)
         z = np.empty((sets, len(self._intervals), self._simulator.trace.size))
         for group in self._groups:
             readings, inputs = (np.tile(table, (sets, 1)) for table in (group.readings, group.inputs))
             result = self._simulator.start(
-                group.names, readings, inputs, value[:, group.which].reshape(len(readings), -1)
+                group.names, readings, inputs, of_intervals[:, group.which].reshape(len(readings), -1)
             )
             z[:, group.which] = result[0].reshape(sets, len(group.which), -1)
         if self._carried is not None:
@@ -442,11 +444,11 @@ class IntervalStarts:
         return not self._actuated
 
     def _from_readings(self, p: Array) -> tuple[Array, Array]:
-        value = p[[interval.run for interval in self._intervals]]
+        of_intervals = p[[interval.run for interval in self._intervals]]
         size = self._simulator.trace.size
-        z, by_p = np.empty((len(value), size)), np.empty((len(value), size, value.shape[1]))
+        z, by_p = np.empty((len(of_intervals), size)), np.empty((len(of_intervals), size, of_intervals.shape[1]))
         for group in self._groups:
-            result = self._simulator.start(group.names, group.readings, group.inputs, value[group.which])
+            result = self._simulator.start(group.names, group.readings, group.inputs, of_intervals[group.which])
             z[group.which], by_p[group.which] = result
         if self._carried is not None:
             where, states = self._carried

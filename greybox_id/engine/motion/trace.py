@@ -217,8 +217,7 @@ class MotionTrace:
     ----------
     model : the model.
     size : length of z.
-    shifts : distinct delays and latencies in use, as functions of the parameters.
-    shifts : distinct delays and latencies in play, as functions of the parameters.
+    shift_count : number of distinct delays and latencies in use.
     step : (z, s, p) -> z at the segment's end.
     actuation : (actuators, s, p) -> actuators at the segment's end; they do not depend on the vehicle.
     output : (z, s, p) -> outputs read at the segment's start.
@@ -292,16 +291,16 @@ class MotionTrace:
         named = parameters(self.model, p)
         segment = _Segment(self.model, s, self._shifts(named), self.delayed)
         x, actuators, relaxed = self._split(z)
-        moved = dict[str, Symbol]()
-        relax = moves_just_after(*self._relaxing(relaxed), moved)
+        changes = dict[str, Symbol]()
+        relax = moves_just_after(*self._relaxing(relaxed), changes)
         rates, _ = self._evaluate(x, self._seen(z, segment, named), named, relax)
-        seen, followed = {name: begin for name, (begin, _) in segment.lines.items()}, list[Symbol]()
+        seen, of_lags = {name: begin for name, (begin, _) in segment.lines.items()}, list[Symbol]()
         named = beside_inputs(named, segment)
         for state, actuator in zip(self._standing(actuators), self.model.actuators, strict=True):
-            followed.append(actuator.moves(state, seen[actuator.signal], named, JUST_AFTER) / JUST_AFTER)
+            of_lags.append(actuator.moves(state, seen[actuator.signal], named, JUST_AFTER) / JUST_AFTER)
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], named, JUST_AFTER)
-        followed += [moved[relaxation.quantity] / JUST_AFTER for relaxation in self.model.relaxations]
-        return cs.Function("flow", [z, s, p], [cs.vertcat(*rates, *followed)])
+        of_lags += [changes[relaxation.quantity] / JUST_AFTER for relaxation in self.model.relaxations]
+        return cs.Function("flow", [z, s, p], [cs.vertcat(*rates, *of_lags)])
 
     def start(self, measured: tuple[str, ...], given: tuple[str, ...] = ()) -> cs.Function:
         """(readings of the measured states, inputs, p) -> z at the start of a run.
@@ -323,11 +322,11 @@ class MotionTrace:
 
         def completed(known: list[Symbol]) -> list[Symbol]:
             result = dict.fromkeys(self.names, cs.SX(0)) | dict(zip(measured, known, strict=True))
-            seen = SimpleNamespace(**result)
+            states = SimpleNamespace(**result)
             for state in model.states:
                 if state.name not in measured:
                     start = (
-                        state.start(seen, SimpleNamespace(**inputs), named) if callable(state.start) else state.start
+                        state.start(states, SimpleNamespace(**inputs), named) if callable(state.start) else state.start
                     )
                     result[state.name] = start
             return [result[name] for name in self.names]

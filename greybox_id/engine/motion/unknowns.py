@@ -64,14 +64,14 @@ def lay_out_unknowns(
         return known
     parameters = lay_out(model, len(runs), len(runs))
     read, size = [run.states_read(model) for run in runs], parameters.size
-    value = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
-    loose: Index = np.array(value if free_starts else [], dtype=np.intp)
+    free_states = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
+    loose: Index = np.array(free_states if free_starts else [], dtype=np.intp)
     places = size + np.arange(len(run_of) * len(loose)).reshape(len(run_of), -1)
     index = np.concatenate((np.asarray(parameters.index)[run_of], places), axis=1).astype(np.intp)
-    more = places.size
-    layout = Layout(tuple(index), size + more)
+    count_of_starts = places.size
+    layout = Layout(tuple(index), size + count_of_starts)
     (low, high), free = limits(model, parameters)
-    bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
+    bounds = (np.append(low, np.full(count_of_starts, -np.inf)), np.append(high, np.full(count_of_starts, np.inf)))
     R, r = prior_system(model, replace(parameters, size=layout.size), len(runs), strengths)
     guessed = [  # deviations of states without a reading get a prior
         (place[j], 1.0 / model.states[state].scale)
@@ -84,4 +84,6 @@ def lay_out_unknowns(
         at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
         rows = sp.csr_matrix((weights, (np.arange(len(guessed)), at)), shape=(len(guessed), layout.size))
         R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
-    return Unknowns(parameters, loose, layout, bounds, np.append(free, np.ones(more, dtype=bool)), R, r, stated)
+    return Unknowns(
+        parameters, loose, layout, bounds, np.append(free, np.ones(count_of_starts, dtype=bool)), R, r, stated
+    )

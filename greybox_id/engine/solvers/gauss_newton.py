@@ -76,8 +76,8 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
         if not np.any(at_low | at_high):
             break
         slope = g + H @ step + added * step
-        pull = slope * unit
-        inward = np.where(at_low, -pull, np.where(at_high, pull, 0.0))
+        scaled_slope = slope * unit
+        inward = np.where(at_low, -scaled_slope, np.where(at_high, scaled_slope, 0.0))
         released = int(np.argmax(inward))
         if inward[released] <= INWARD * max(float(np.max(np.abs(g * unit))), 1e-300):
             break
@@ -193,7 +193,7 @@ def gauss_newton(
     """
     point = _Point(np.clip(x, *problem.bounds), [], np.inf)
     history: list[float] = []
-    status, steps, decrement, memory = Status.STEP_LIMIT, 0, np.inf, _Search(search)
+    status, steps, decrement, state = Status.STEP_LIMIT, 0, np.inf, _Search(search)
     try:
         point = _at(problem, point.x)
         if not np.isfinite(point.objective):
@@ -205,9 +205,9 @@ def gauss_newton(
                 status = Status.STALLED if steps else Status.NOT_FINITE
                 break
             if search == "levenberg_marquardt":
-                memory.missing_curvature.learn(point.x, equations)
-            tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
-            decrement = _least_decrease(problem, point.x, equations, tried) / size
+                state.missing_curvature.learn(point.x, equations)
+            trial_step, size = state.first(problem, point.x, equations), max(point.objective, 1e-300)
+            decrement = _least_decrease(problem, point.x, equations, trial_step) / size
             if decrement <= tolerance:
                 decrement = max(decrement, predicted_reduction(problem, point.x, equations) / size)
             if decrement <= tolerance:
@@ -218,7 +218,7 @@ def gauss_newton(
                 break
             if steps == max_steps:
                 break
-            better = _descent(problem, point, equations, memory, tried)
+            better = _descent(problem, point, equations, state, trial_step)
             if better is None:
                 decrement = max(decrement, predicted_reduction(problem, point.x, equations) / size)
                 status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
@@ -228,7 +228,7 @@ def gauss_newton(
             if on_step is not None and not on_step(steps, point.objective, point.x):
                 status = Status.STOPPED
                 break
-            if memory.extrapolates_below(EXTRAPOLATED * tolerance * point.objective):
+            if state.extrapolates_below(EXTRAPOLATED * tolerance * point.objective):
                 status, decrement = Status.CONVERGED, EXTRAPOLATED * tolerance
                 break
     except KeyboardInterrupt:
@@ -266,8 +266,8 @@ class _Search:
 
         Parameters
         ----------
-        predicted, fallen : predicted and actual decrease of the objective.
-        held_back : returns the further decrease predicted for the same step without damping.
+        predicted, actual : predicted and actual decrease of the objective.
+        undamped_gain : returns the further decrease predicted for the same step without damping.
         """
         self._left = predicted**2 / self._kept if predicted < self._kept else np.inf
         self._kept = predicted if abs(actual - predicted) < 0.25 * predicted else 0.0
@@ -283,33 +283,33 @@ class _Search:
 
 
 def _descent(
-    problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, tried: Array | None
+    problem: LeastSquares, point: _Point, equations: NormalEquations, state: _Search, trial_step: Array | None
 ) -> _Point | None:
     """The next point; None if no step lowers the objective."""
-    if tried is not None:
-        return _shortened(problem, point, equations, memory, tried)
-    return _damped(problem, point, equations, memory)
+    if trial_step is not None:
+        return _shortened(problem, point, equations, state, trial_step)
+    return _damped(problem, point, equations, state)
 
 
 def _shortened(
-    problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, step: Array
+    problem: LeastSquares, point: _Point, equations: NormalEquations, state: _Search, step: Array
 ) -> _Point | None:
     """Shorten a step until the objective falls by a share of the predicted decrease; damp it if that fails."""
-    while memory.damping < MOST_DAMPING:
+    while state.damping < MOST_DAMPING:
         predicted = -float(equations.g @ step)
-        share = min(1.0, 2.5 * memory.share)
+        share = min(1.0, 2.5 * state.share)
         while share > 1e-3:
             trial = _at(problem, _within(problem, point.x + share * step))
             if trial.objective < point.objective - 1e-2 * share * predicted:
-                memory.share, memory.damping = share, max(memory.damping / 10.0, LEAST_DAMPING)
+                state.share, state.damping = share, max(state.damping / 10.0, LEAST_DAMPING)
                 return trial
             share *= 0.4
-        memory.share, memory.damping = 1.0, memory.damping * 100.0
-        step = _step(problem, point.x, equations, memory.damping)
+        state.share, state.damping = 1.0, state.damping * 100.0
+        step = _step(problem, point.x, equations, state.damping)
     return None
 
 
-def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, state: _Search) -> _Point | None:
     """Damp a step until the objective falls by a fair share of the decrease that the quadratic model predicts.
 
     The quadratic model is Gauss-Newton's, or the one with the missing curvature if that predicted the last step better.
@@ -317,39 +317,39 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
     Positive unknowns step in their logarithms: valleys of constant products, such as B C D, all that a recording
     identifies of a tyre at small slip, are then straight.
     """
-    by, missing_curvature = np.where(_positive(problem, point.x), point.x, 1.0), memory.missing_curvature
-    curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
-    whole = missing_curvature.added(curved, by, problem.free)
+    by, missing_curvature = np.where(_positive(problem, point.x), point.x, 1.0), state.missing_curvature
+    scaled = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
+    corrected = missing_curvature.added(scaled, by, problem.free)
     refused = np.inf
-    while memory.damping < MOST_DAMPING:
-        second = missing_curvature.trusted and whole is not None
-        model = whole if second and whole is not None else curved
-        step = _step(problem, point.x, model, memory.damping, logarithmic=True)
+    while state.damping < MOST_DAMPING:
+        with_missing = missing_curvature.trusted and corrected is not None
+        model = corrected if with_missing and corrected is not None else scaled
+        step = _step(problem, point.x, model, state.damping, logarithmic=True)
         predicted = max(_decrease(model, step), 1e-300)
         if predicted > SAME_STEP * refused:
-            memory.damping *= 10.0
+            state.damping *= 10.0
             continue
         trial = (
             _at(problem, _moved(problem, point.x, step))
-            if second
-            else _tried(problem, point, step, predicted, curved, equations, memory.damping)
+            if with_missing
+            else _tried(problem, point, step, predicted, scaled, equations, state.damping)
         )
         actual = point.objective - trial.objective
         if actual > 1e-3 * predicted:
             if actual > 0.75 * predicted:
-                memory.damping *= 0.1
+                state.damping *= 0.1
             elif actual < 0.25 * predicted:
-                memory.damping *= 4.0
-            memory.learn(predicted, actual, partial(_undamped_gain, problem, point.x, model, predicted))
-            if whole is not None:
+                state.damping *= 4.0
+            state.learn(predicted, actual, partial(_undamped_gain, problem, point.x, model, predicted))
+            if corrected is not None:
                 taken = _taken(problem, point.x, trial.x)
-                missing_curvature.compare(actual, _decrease(whole, taken), _decrease(curved, taken))
+                missing_curvature.compare(actual, _decrease(corrected, taken), _decrease(scaled, taken))
             return trial
         del trial  # the simulation of hours of data is large
-        if second:  # try once more without the missing curvature
+        if with_missing:  # try once more without the missing curvature
             missing_curvature.trusted = False
         else:
-            memory.damping, refused = 10.0 * memory.damping, predicted
+            state.damping, refused = 10.0 * state.damping, predicted
     return None
 
 
@@ -358,14 +358,14 @@ def _tried(
     point: _Point,
     step: Array,
     predicted: float,
-    curved: NormalEquations,
+    scaled: NormalEquations,
     equations: NormalEquations,
     damping: float,
 ) -> _Point:
     """The point after a step; with the second-order correction if the step gains less than predicted and it helps."""
     trial = _at(problem, _moved(problem, point.x, step))
     if (point.objective - trial.objective) / predicted < 0.75:  # the valley bends: follow it
-        bend = _bend(problem, point, curved, step, equations, damping)
+        bend = _bend(problem, point, scaled, step, equations, damping)
         if np.any(bend):
             bent = _at(problem, _moved(problem, point.x, step + bend))
             return bent if bent.objective < trial.objective else trial
@@ -397,7 +397,7 @@ def _within(problem: LeastSquares, x: Array) -> Array:
 def _bend(
     problem: LeastSquares,
     point: _Point,
-    curved: NormalEquations,
+    scaled: NormalEquations,
     step: Array,
     equations: NormalEquations,
     damping: float,
@@ -412,14 +412,14 @@ def _bend(
     ahead = _moved(problem, point.x, PROBE * step)
     by = np.where(_positive(problem, point.x), point.x, 1.0)
     with np.errstate(all="ignore"):
-        pull = by * equations.frozen_gradient(ahead, problem.simulated_nodes(ahead))
-        curvature = 2 / PROBE * ((pull - curved.g) / PROBE - curved.H @ step)
+        gradient_ahead = by * equations.frozen_gradient(ahead, problem.simulated_nodes(ahead))
+        curvature = 2 / PROBE * ((gradient_ahead - scaled.g) / PROBE - scaled.H @ step)
     moving = problem.free & (step != 0)
     if not np.all(np.isfinite(curvature[moving])) or not np.any(moving):
         return np.zeros_like(step)
-    scale = np.diag(curved.H)[moving]
+    scale = np.diag(scaled.H)[moving]
     unit = 1.0 / np.sqrt(np.where(scale > 0, scale, 1.0))
-    inner = curved.H[np.ix_(moving, moving)] * np.outer(unit, unit)
+    inner = scaled.H[np.ix_(moving, moving)] * np.outer(unit, unit)
     inner[np.diag_indices_from(inner)] += damping + 1e-12
     bend = np.zeros_like(step)
     bend[moving] = -0.5 * unit * solved(inner, unit * curvature[moving])
@@ -436,8 +436,8 @@ def _step(
     problem: LeastSquares, x: Array, equations: NormalEquations, damping: float, logarithmic: bool = False
 ) -> Array:
     """The damped Gauss-Newton step within bounds: the exact minimiser of the quadratic model in the box."""
-    still = np.where(np.isfinite(x), x, 0.0)  # an effect may be at an infinite null: no limit at all
-    low, high = problem.bounds[0] - still, problem.bounds[1] - still
+    finite = np.where(np.isfinite(x), x, 0.0)  # an effect may be at an infinite null: no limit at all
+    low, high = problem.bounds[0] - finite, problem.bounds[1] - finite
     if logarithmic:
         positive = _positive(problem, x)
         low[positive] = np.log(problem.bounds[0][positive] / x[positive])
@@ -459,10 +459,10 @@ def _undamped_gain(problem: LeastSquares, x: Array, model: NormalEquations, pred
     return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - predicted
 
 
-def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, tried: Array | None) -> float:
+def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, trial_step: Array | None) -> float:
     """Lower bound of a full step's predicted decrease: the best single unknown's, or that of the damped trial step."""
     single = _single_decrease(problem, x, equations)
-    return single if tried is None else max(single, _decrease(equations, tried))
+    return single if trial_step is None else max(single, _decrease(equations, trial_step))
 
 
 def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:

@@ -66,9 +66,9 @@ def ipopt(
     Solution and Ipopt's verdict.
     """
     clock = time.process_time()
-    same: LeastSquares = problem
-    about = same.normal_equations(x, same.simulated_nodes(x))
-    scale = _units(about.H, problem.free)
+    least_squares: LeastSquares = problem
+    start_equations = least_squares.normal_equations(x, least_squares.simulated_nodes(x))
+    scale = _units(start_equations.H, problem.free)
     Z, gamma, none = cs.MX.sym("Z", len(x)), cs.MX.sym("gamma"), cs.MX.sym("none", 0)
     objective, equations = _computed(problem, scale)
     f, (g, H) = objective(cs.DM(scale) * Z), equations(cs.DM(scale) * Z)
@@ -99,15 +99,15 @@ def ipopt(
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
     start, low, high = (value / scale for value in (limited, *_bounds(problem, limited)))
     moving = low < high
-    if np.any(np.isnan([start, low, high])) or not np.all(np.isfinite(about.g[moving])):
-        where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
-        return where, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
+    if np.any(np.isnan([start, low, high])) or not np.all(np.isfinite(start_equations.g[moving])):
+        at_start = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
+        return at_start, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
     result = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
     unknowns = np.clip(np.asarray(result["x"].full()).ravel() * scale, *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
-    matched = same.simulated_nodes(unknowns)
-    least = same.objective(unknowns, matched)
+    matched = least_squares.simulated_nodes(unknowns)
+    final_objective = least_squares.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
     status = {
         "Solve_Succeeded": Status.CONVERGED,
@@ -116,7 +116,7 @@ def ipopt(
         "User_Requested_Stop": Status.INTERRUPTED,
     }.get(stats["return_status"], Status.STALLED)
     solution = Solution(
-        unknowns, matched, status, int(stats["iter_count"]), least, np.nan, tuple(trajectory.get("obj", ()))
+        unknowns, matched, status, int(stats["iter_count"]), final_objective, np.nan, tuple(trajectory.get("obj", ()))
     )
     return solution, IpoptVerdict(
         words=stats["return_status"].replace("_", " "),
@@ -184,8 +184,8 @@ def _units(H: Array, free: Mask) -> Array:
     span ten orders of magnitude. Powers of two scale without rounding, so that results cached at x remain valid.
     """
     curvature = np.diag(H)
-    known = free & np.isfinite(curvature) & (curvature > 0)
-    return np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
+    informed = free & np.isfinite(curvature) & (curvature > 0)
+    return np.where(informed, np.exp2(-np.round(np.log2(np.where(informed, curvature, 1.0)) / 2.0)), 1.0)
 
 
 def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
@@ -200,8 +200,8 @@ def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
 
     @np.errstate(over="ignore", invalid="ignore")
     def equations(x: Array) -> list[Array]:
-        known = problem.normal_equations(x, problem.simulated_nodes(x))
-        return [scale * known.g, (np.outer(scale, scale) * known.H).ravel(order="F")]
+        normal = problem.normal_equations(x, problem.simulated_nodes(x))
+        return [scale * normal.g, (np.outer(scale, scale) * normal.H).ravel(order="F")]
 
     size = len(scale)
     one, column, square = (cs.Sparsity.dense(*shape) for shape in ((1, 1), (size, 1), (size, size)))
@@ -210,6 +210,6 @@ def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
 
 def _bounds(problem: LeastSquares, x: Array) -> tuple[Array, Array]:
     """Bounds of all unknowns; fixed ones, and those that mean no limit at all, are bounded to their value."""
-    held = ~problem.free | (np.abs(x) >= UNLIMITED)
-    low, high = (np.where(held, x, bound) for bound in problem.bounds)
+    pinned = ~problem.free | (np.abs(x) >= UNLIMITED)
+    low, high = (np.where(pinned, x, bound) for bound in problem.bounds)
     return low, high

@@ -83,45 +83,45 @@ def descend(
     """
     from scipy.optimize import Bounds, minimize  # imported here: importing it takes longer than many a fit without it
 
-    losses, outside = [], [held_out(start)]
-    best, place = start.copy(), 0
+    losses, held_out_errors = [], [held_out(start)]
+    best, best_step = start.copy(), 0
     losses.append(loss(start)[0])
 
-    def seen(x: Array, value: float) -> None:
-        nonlocal best, place
+    def record(x: Array, value: float) -> None:
+        nonlocal best, best_step
         losses.append(value)
-        outside.append(held_out(x))
-        if outside[-1] < outside[place]:
-            best, place = x.copy(), len(outside) - 1
-        say(len(outside) - 1, value, outside[-1])
-        if len(outside) - 1 - max(place, warm_up) >= patience:
+        held_out_errors.append(held_out(x))
+        if held_out_errors[-1] < held_out_errors[best_step]:
+            best, best_step = x.copy(), len(held_out_errors) - 1
+        say(len(held_out_errors) - 1, value, held_out_errors[-1])
+        if len(held_out_errors) - 1 - max(best_step, warm_up) >= patience:
             raise _Stop
 
     last: tuple[float, Array] = (losses[0], start)
 
-    def watched(x: Array) -> tuple[float, Array]:
+    def counted_loss(x: Array) -> tuple[float, Array]:
         nonlocal last
         value, slope = loss(x)
         last = (value, x.copy())
         return value, slope
 
     try:
-        x = _adam(loss, start, bounds, warm_up, seen)
-        done: Any = minimize(
-            watched,
+        x = _adam(loss, start, bounds, warm_up, record)
+        result: Any = minimize(
+            counted_loss,
             x,
             jac=True,
             method="L-BFGS-B",
             bounds=Bounds(bounds[:, 0], bounds[:, 1]),
-            callback=lambda x: seen(x, last[0]),
+            callback=lambda x: record(x, last[0]),
             options={"maxiter": steps, "maxcor": _MEMORY, "maxfun": 3 * steps},
         )
-        status, converged = ("most steps", False) if done.nit >= steps else ("loss no lower", True)
+        status, converged = ("most steps", False) if result.nit >= steps else ("loss no lower", True)
     except _Stop:
         status, converged = f"held-out error not lower for {patience} steps", True
     except KeyboardInterrupt:
         status, converged = "interrupted", False
-    return Descent(best, tuple(losses), tuple(outside), place, status, converged)
+    return Descent(best, tuple(losses), tuple(held_out_errors), best_step, status, converged)
 
 
 def refine(
@@ -150,7 +150,7 @@ def refine(
     metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
     pairs: list[tuple[Array, Array, float]] = []
 
-    def turned(g: Array) -> Array:
+    def direction(g: Array) -> Array:
         g, shares = g.copy(), []
         for s, y, curvature in reversed(pairs):
             shares.append(s @ g / curvature)
@@ -162,7 +162,7 @@ def refine(
 
     history, g = [problem.objective(x, nodes)], gradient(x, nodes)[free]
     while len(history) <= steps:
-        step = -turned(g)
+        step = -direction(g)
         predicted = -float(g @ step)
         if predicted <= 2.0 * tolerance * history[-1]:
             break
@@ -208,22 +208,22 @@ def settle(
     free = problem.free
     nodes = problem.simulated_nodes(x)
     metric = _Metric(problem.normal_equations(x, nodes).H[np.ix_(free, free)])
-    objective, seen = problem.objective(x, nodes), [gradient(x, nodes)[free]]
-    average = seen[0]
+    objective, gradients = problem.objective(x, nodes), [gradient(x, nodes)[free]]
+    average = gradients[0]
     for _ in range(steps):
-        average = metric.shortest(seen)
+        average = metric.shortest(gradients)
         if float(np.max(np.abs(metric.unit * average))) <= least:
             break
         step = -metric.solved(average)
         step *= radius / np.sqrt(max(-float(average @ step), 1e-300))
         nearer = _moved(x, free, step)
         matched = problem.simulated_nodes(nearer)
-        below = problem.objective(nearer, matched)
+        objective_there = problem.objective(nearer, matched)
         slope = gradient(nearer, matched)[free]
-        if below < objective + _ARMIJO * float(average @ step):
-            x, objective, seen = nearer, below, [slope]
+        if objective_there < objective + _ARMIJO * float(average @ step):
+            x, objective, gradients = nearer, objective_there, [slope]
         else:
-            seen.append(slope)
+            gradients.append(slope)
     return x, objective, float(np.max(np.abs(metric.unit * average)))
 
 
@@ -262,7 +262,7 @@ def _moved(x: Array, free: Array, step: Array) -> Array:
     return nearer
 
 
-def _adam(loss: Loss, start: Array, bounds: Array, steps: int, seen: Callable[[Array, float], None]) -> Array:
+def _adam(loss: Loss, start: Array, bounds: Array, steps: int, record: Callable[[Array, float], None]) -> Array:
     x, mean, square = start.copy(), np.zeros(len(start)), np.zeros(len(start))
     for k in range(1, steps + 1):
         value, slope = loss(x)
@@ -270,5 +270,5 @@ def _adam(loss: Loss, start: Array, bounds: Array, steps: int, seen: Callable[[A
         square = _SQUARE * square + (1.0 - _SQUARE) * slope**2
         step = mean / (1.0 - _MEAN**k) / (np.sqrt(square / (1.0 - _SQUARE**k)) + 1e-10)
         x = np.clip(x - _RATE * step, bounds[:, 0], bounds[:, 1])
-        seen(x, value)
+        record(x, value)
     return x
