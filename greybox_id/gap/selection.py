@@ -141,7 +141,9 @@ def select(
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]
-    tried, offered = [best, *_without_each(search, best, names, gains), *alike], expected_gains(together, stage)
+    without = _without_each(search, best, names, gains)
+    base = min((base, *(replace(base, cost=item.cost) for item in without if not item.names)), key=by_cost)
+    tried, offered = [best, *without, *alike], expected_gains(together, stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
         first = offered[: CAL.listed]
         starts = [

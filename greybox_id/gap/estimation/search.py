@@ -121,24 +121,22 @@ class Search:
     def _secants(self, p: Array, target: Sequence[bool], result: Array) -> None:
         """Columns of abrupt nuisances about `expanded`, (N, channels, 2 shifts): per unit, then for the least size.
 
-        They are put into `result`, zero for those that are not in `target`.
+        They are put into `result`, zero for those that are not in `target`. A candidate of the hypothesis stays at its
+        magnitude in all columns but its own, which other hypotheses need, without it.
         """
         result[:] = 0.0
-        p = self.placed(p, self.shifts, self.expanded)
         requested = [k for k, want in enumerate(target) if want]
-        spans = []
+        spans, sides = list[tuple[float, float]](), list[Array]()
         for k in requested:
             axis, at = self.shifts[k], float(self.expanded[k])
             near, far = (CAL.at_once, 1.0) if at == axis.null else (-CAL.shift_beside, CAL.shift_beside)
             spans.append((at + near * axis.sd, at + far * axis.sd))
-        sides = [
-            self.placed(p, [self.shifts[k]], [end]) for k, span in zip(requested, spans, strict=True) for end in span
-        ]
-        e = self.residuals([p, *sides] if requested else [])
-        for k, (start, end), one, other in zip(requested, spans, e[1::2], e[2::2], strict=True):
+            sides += [self.placed(p, [axis], [x]) for x in (at, *spans[-1])]
+        e = self.residuals(sides)
+        for k, (start, end), at, one, other in zip(requested, spans, e[::3], e[1::3], e[2::3], strict=True):
             result[:, :, k] = (other - one) / (end - start)
             if self.expanded[k] == self.shifts[k].null:
-                result[:, :, len(self.shifts) + k] = one - e[0]
+                result[:, :, len(self.shifts) + k] = one - at
 
     def recoloured(self, colour: Whitener) -> None:
         """Whiten residuals by another colour."""

@@ -130,6 +130,22 @@ def test_a_lag_is_expanded_where_it_is_found():
     assert search.expanded[0] == 0.0
 
 
+def test_abrupt_tolerances_are_expanded_about_the_magnitude_of_an_abrupt_candidate():
+    """Each is a tolerance of the file, too: a lag of a cause was once taken away where a delay's column was made."""
+    X = np.random.default_rng(0).standard_normal((400, 2))
+    bench = GivenBench(lambda p: np.tanh(3 * p[0] + 2 * p[1]) * X, np.zeros((400, 2)), 2)
+    lag, delay = (axis(k, sd=0.05, low=0.0, gradual=False) for k in (0, 1))
+    search = search_on(bench, SD, [lag, delay])
+    about = alone(search, Candidate("lag", (axis(0, low=0.0, gradual=False),)))
+    search.about(replace(search.at_means(), candidates=about.candidates, m=np.array([0.3])))
+    step = np.array([0.0, 0.01])  # of the delay, beside a lag of 0.3
+    change = bench.respond(np.array([0.3, 0.01])) - bench.respond(np.array([0.3, 0.0]))
+    np.testing.assert_allclose(search.first_orders([np.append(step, [0.0, 0.0])])[:, :, 0], change, rtol=0.1)
+    without = np.array([0.01, 0.0])  # of the lag itself: what hypotheses without the candidate need
+    change = bench.respond(np.array([0.01, 0.0])) - bench.respond(np.array([0.0, 0.0]))
+    np.testing.assert_allclose(search.first_orders([np.append(without, [0.0, 0.0])])[:, :, 0], change, rtol=0.1)
+
+
 def test_magnitudes_scatter_more_where_residuals_stay_alike():
     X = smooth_columns(1, rows=4000)
     for lasting, least, most in ((1, 1.0, 1.35), (50, 1.8, 9.0)):
