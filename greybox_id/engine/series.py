@@ -14,10 +14,9 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
-from numpy.typing import NDArray
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array, Index
+from ..base.shorthands import Array, Index, Mask
 from ..datasets.recording import Recording
 from .trace import Columns, Trace, tidy
 from .virtual import call
@@ -147,15 +146,16 @@ class Run:
     pieces : row ranges (of the run) that actuators run through; one, unless windows may cross joins.
     actuation : the model's actuators.
     first : first row (of the run) with a prediction; predictions cover rows first ... n-1.
+    unpredicted : the rows before it, which hold measurements in closed loop too.
     """
 
     def __init__(self, trace: Trace, recording: Recording, rows: range, joins: Sequence[int] = ()) -> None:
-        model = trace.model
-        self.trace = trace
+        self.trace, model = trace, trace.model
         self.rows = rows
         edges = [0, *(join - rows.start for join in joins if rows.start < join < rows.stop), len(rows)]
         self.pieces = [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
         self.first = trace.memory
+        self.unpredicted: slice | Mask = slice(0, self.first)
         self.recorded = np.column_stack(
             [_input(trace, recording, name)[rows.start : rows.stop] for name in model.inputs]
         )
@@ -336,9 +336,9 @@ class Run:
         if self._unmoved(u) and self._constant_stage_by_p is not None:
             return self._constant_stage_by_p
         values = self.trace.stage_by_p.nonzeros(u, p)
-        result = [np.ascontiguousarray(values[:, tidy(places)]) for places in self.trace.stage_places]
+        result = [values[:, tidy(places)] for places in self.trace.stage_places]
         if self._unmoved(u):
-            self._constant_stage_by_p = result
+            self._constant_stage_by_p = result = [np.ascontiguousarray(item) for item in result]
         return result
 
     def _weights_by_p(self, p: Array) -> Array:
@@ -399,7 +399,7 @@ class Run:
     def _by_nodes(self, nodes: Array, u: Array, z_by_u: Array, y_by_h: Array, y_by_u: Array, weights: Array) -> Array:
         trace, outputs = self.trace, len(self.trace.model.outputs)
         fed_by_y = trace.feedback_by_y(nodes, u).reshape(len(u), len(self._fed), outputs)
-        fed_by_y[: self.first] = 0.0  # before the first prediction the window holds measurements, not nodes
+        fed_by_y[self.unpredicted] = 0.0  # before the first prediction the window holds measurements, not nodes
         usable = len(u) - 1
         rows = usable - trace.memory + 1
         result = np.zeros((rows, outputs, trace.memory, outputs))
@@ -492,7 +492,7 @@ def _input(trace: Trace, recording: Recording, name: str) -> Array:
     return np.full(len(recording), trace.model.defaults.get(name, np.nan))
 
 
-def _unbroken(recording: Recording, whole: NDArray[np.bool_]) -> list[range]:
+def _unbroken(recording: Recording, whole: Mask) -> list[range]:
     result = []
     for start, stop in recording.runs:
         gaps = [start - 1, *(start + np.flatnonzero(~whole[start:stop])).tolist(), stop]

@@ -55,6 +55,10 @@ class _Stretch:
         spans = [slice(end - len(several[k]), end - first) for k, end in zip(numbers, ends, strict=True)]
         return _Stretch(_joined([several[k] for k in numbers]), numbers, tuple(spans))
 
+    def nodes(self, several: Nodes) -> Array | None:
+        """The nodes of its runs, of those of all; None in open loop."""
+        return np.concatenate([several[k] for k in self.numbers]) if several else None
+
     def over_all(self, several: Sequence[Array]) -> Array:
         """Rows of each run at their places among all predictions, zero across joins."""
         if len(several) == 1:
@@ -77,6 +81,7 @@ def _joined(several: Sequence[Run]) -> Run:
     result.rows = range(start)
     result.recorded = np.concatenate([run.recorded for run in several])
     result.measured = np.concatenate([run.measured for run in several])
+    result.unpredicted = np.concatenate([np.arange(len(run)) < run.first for run in several])
     return result
 
 
@@ -153,8 +158,8 @@ class Problem:
         return other
 
     def _cut(self) -> list[_Stretch]:
-        """Open-loop runs without run-scoped parameters, concatenated up to `AT_ONCE` rows."""
-        alone = self.closed_loop or not self.sensing.plain or any(p.scope == "run" for p in self.trace.model.parameters)
+        """Runs without run-scoped parameters and sensors' memory, concatenated up to `AT_ONCE` rows."""
+        alone = not self.sensing.plain or any(p.scope == "run" for p in self.trace.model.parameters)
         result, start, rows = [], 0, 0
         for k, run in enumerate(self.runs):
             if k > start and (alone or rows + len(run) > AT_ONCE):
@@ -224,8 +229,9 @@ class Problem:
     def _predicted(self, x: Array, nodes: Nodes) -> Iterator[Array]:
         """Per stretch, predictions (rows, outputs)."""
         for stretch in self._stretches:
-            k, run = stretch.numbers.start, stretch.run
-            yield nodes[k][run.predicted] if nodes else run.predict(x[self.layout.index[k]])
+            together, run = stretch.nodes(nodes), stretch.run
+            p = x[self.layout.index[stretch.numbers.start]]
+            yield run.predict(p) if together is None else together[run.predicted]
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Linearise all residuals at a matched point and eliminate the nodes."""
@@ -288,7 +294,7 @@ class Problem:
             k, run = stretch.numbers.start, stretch.run
             index = self.layout.index[k]
             weighed = partial(_weighed, run.measured[run.predicted], weight)
-            adjoint = run.adjoint_product(x[index], weighed, nodes[k] if nodes else None)
+            adjoint = run.adjoint_product(x[index], weighed, stretch.nodes(nodes))
             if adjoint is None:
                 return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
             np.add.at(g, index, adjoint)
@@ -306,7 +312,7 @@ class Problem:
         """Per stretch, residuals and total derivative as of `residuals`, zero across joins."""
         for place, stretch in enumerate(self._stretches):
             k = stretch.numbers.start
-            lines = stretch.run.linearise(x[self.layout.index[k]], nodes[k] if nodes else None)
+            lines = stretch.run.linearise(x[self.layout.index[k]], stretch.nodes(nodes))
             by_p, free = lines.by_p, self.free[self.layout.index[k]]
             if not np.all(free):
                 by_p[:, :, ~free] = 0.0
