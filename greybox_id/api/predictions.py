@@ -457,4 +457,4 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
     value = judgement(fit, recordings, result, data)
     units = {name: model.unit(name) for name in model.outputs}
-    return Validation(model.name, value.verdict, value.scores, value.held, units)
+    return Validation(model.name, value.verdict, value.scores, value.persistence, units)

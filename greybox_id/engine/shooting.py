@@ -267,7 +267,7 @@ class Problem:
                 self._add(equations, k, residuals[rows] * root[:, None], J[rows] * root[:, None, None])
         result = []
         for equations, keep in zip(left_out, keeps, strict=True):
-            fold = self.counted(keep=[ours * dropped for ours, dropped in zip(self.keep, keep, strict=True)])
+            fold = self.counted(keep=[weight * kept for weight, kept in zip(self.keep, keep, strict=True)])
             fold._last = (x.copy(), NormalEquations(whole.H - equations.H, whole.g - equations.g))
             result.append(fold)
         return result

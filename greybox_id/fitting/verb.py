@@ -30,7 +30,7 @@ from .holding import IN_MOTION, WORDS, Holding, as_fitted, in_doubt, other_than,
 from .how import FitOptions, Say, Solver, quiet
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
-from .scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
+from .scores.metrics import Scores, as_dict, score, score_with_persistence, unfitted_scores
 from .scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words, must_have_timing
 from .scores.verdict import (
     HELD_OUT,
@@ -53,12 +53,12 @@ class Judgement:
     Attributes
     ----------
     scores : role or recording -> protocol -> output -> its error.
-    held : the same for persistence, for kinds of models that are compared with it.
+    persistence : the same for persistence, for kinds of models that are compared with it.
     verdict : the verdict on the fit.
     """
 
     scores: Mapping[str, Scores]
-    held: Mapping[str, Scores]
+    persistence: Mapping[str, Scores]
     verdict: Verdict
 
 
@@ -104,13 +104,13 @@ def judgement(
     findings, data : as in `judged`.
     """
     recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
-    both = {name: score_beside_hold(fit.model, recording) for name, recording in recordings.items()}
+    both = {name: score_with_persistence(fit.model, recording) for name, recording in recordings.items()}
     scores_by_role = {name: scores for name, (scores, _) in both.items()}
-    held = {name: beside for name, (_, beside) in both.items() if beside}
+    persistence = {name: beside for name, (_, beside) in both.items() if beside}
     unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
     before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
     verdict, against = (
-        judged(fit, scores_by_role, held=held, unfitted=before, findings=findings, data=data),
+        judged(fit, scores_by_role, persistence=persistence, unfitted=before, findings=findings, data=data),
         list[Reason](),
     )
     if verdict.usability == USABLE:
@@ -119,8 +119,10 @@ def judgement(
     if verdict.usability != NOT_USABLE and TRAINED in recordings:
         against += refuted(fit.model, fit, recordings[TRAINED])
     if against:
-        verdict = judged(fit, scores_by_role, held=held, unfitted=before, findings=findings, data=data, more=against)
-    return Judgement(scores_by_role, held, conditional(fit, verdict))
+        verdict = judged(
+            fit, scores_by_role, persistence=persistence, unfitted=before, findings=findings, data=data, more=against
+        )
+    return Judgement(scores_by_role, persistence, conditional(fit, verdict))
 
 
 __all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
@@ -196,7 +198,7 @@ def fit(
     with traced_once(), threadpool_limits(1):  # matrices are small: a second BLAS thread only spins
         task = FitTask(recordings, validate, how, say, models, pretraining)
         task, stood = _moving(models[0], task)
-        result, task, held = _between_rows(estimated(models[0], task), task)
+        result, task, holding = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
         stated = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
         extra: dict[str, Any] = {"sensors": stated} if stated else {}
@@ -205,7 +207,7 @@ def fit(
         by_role = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
         judged = judgement(result, by_role, _findings(result, recordings, validate))
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
-        question = reason(result, held) if held else None
+        question = reason(result, holding) if holding else None
         verdict = with_reason(with_reason(judged.verdict, question), _without_last(result, task, judged.scores))
         result = replace(result, metrics=metrics, verdict=conditional(result, verdict))
         seconds = calibrated_seconds(how.calibrate)

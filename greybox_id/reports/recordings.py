@@ -25,7 +25,7 @@ from ..fitting.fit import Fit
 from ..fitting.holding import as_seen
 from ..fitting.provenance import DataRecord
 from ..fitting.scores.metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
-from ..fitting.scores.motion import hold
+from ..fitting.scores.motion import persisted
 from ..models.motion_model import MotionModel
 
 SECONDS = 15.0
@@ -243,7 +243,7 @@ def _driven(
         recording=recording,
         outputs=outputs,
         predicted={name: _of(item, columns) for name, (item, _) in every.items()},
-        held={name: _of(hold(item, predictor.runs, horizon), columns) for name, (item, horizon) in kept.items()},
+        held={name: _of(persisted(item, predictor.runs, horizon), columns) for name, (item, horizon) in kept.items()},
         quantities={
             name: values[np.isfinite(values)]
             for name, values in zip(simulator.trace.model.outputs, soon.predicted.T, strict=True)

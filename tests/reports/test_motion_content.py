@@ -8,7 +8,7 @@ import pytest
 from report_parts import below, flat
 
 from greybox_id.base.numbers import interval
-from greybox_id.fitting.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
+from greybox_id.fitting.scores.metrics import FREE_RUN, ahead, prediction_errors, score_with_persistence
 from greybox_id.reports.document import Table, Text
 from greybox_id.reports.recordings import held_errors
 from greybox_id.reports.report import prepared
@@ -39,7 +39,7 @@ def test_predictions_are_those_that_the_fit_was_scored_on(motion_fit, motion_fou
 
 
 def test_holding_is_scored_as_by_the_baseline(motion_fit, motion_found):
-    _, held = score_beside_hold(motion_fit.model, motion_found[-1].recording)
+    _, held = score_with_persistence(motion_fit.model, motion_found[-1].recording)
     own = held_errors(motion_found)["validate"]
     for protocol, errors in held.items():
         for name, error in errors.items():

@@ -181,7 +181,7 @@ def score(model: Model, recording: Recording) -> Scores:
 
 
 @by_kind
-def score_beside_hold(
+def score_with_persistence(
     model: Model, recording: Recording, horizons: Sequence[float] = HORIZONS
 ) -> tuple[Scores, Scores]:
     """`score`, and errors of persistence over the same rows, if the model's kind has them."""

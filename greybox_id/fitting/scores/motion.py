@@ -29,7 +29,7 @@ from .metrics import (
     predicted_how,
     prediction_errors,
     score,
-    score_beside_hold,
+    score_with_persistence,
     simulate,
 )
 
@@ -105,8 +105,8 @@ def score_motion(
     return scores
 
 
-@score_beside_hold.register(MotionModel)
-def _score_beside_hold(
+@score_with_persistence.register(MotionModel)
+def _score_with_persistence(
     model: MotionModel, recording: Recording, horizons: Sequence[float] = HORIZONS
 ) -> tuple[Scores, Scores]:
     """In free run, persistence keeps the reading of the run's first row."""
@@ -116,14 +116,17 @@ def _score_beside_hold(
     results = [*predictor.each_ahead(horizons), predictor.free_run()]
     for horizon, result in zip((*horizons, None), results, strict=True):
         name = FREE_RUN if horizon is None else ahead(horizon)
-        for scores, predictions in ((scores_of_model, result), (scores_of_hold, hold(result, predictor.runs, horizon))):
+        for scores, predictions in (
+            (scores_of_model, result),
+            (scores_of_hold, persisted(result, predictor.runs, horizon)),
+        ):
             output_errors = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
             if output_errors:
                 scores[name] = output_errors
     return scores_of_model, scores_of_hold
 
 
-def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
+def persisted(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
     """Persistence for the same rows: the last reading a horizon before, in free run the run's first."""
     persistence = np.full(predictions.predicted.shape, np.nan)
     order = np.argsort(predictions.run, kind="stable")

@@ -66,7 +66,7 @@ def judged(
     fit: Fit,
     value: Mapping[str, Scores],
     *,
-    held: Mapping[str, Scores] | None = None,
+    persistence: Mapping[str, Scores] | None = None,
     unfitted: Mapping[str, Scores] | None = None,
     findings: Mapping[str, Sequence[Finding]] | None = None,
     data: Sequence[DataRecord] | None = None,
@@ -79,14 +79,14 @@ def judged(
     fit : the fit.
     value : role or recording -> protocol -> output -> its error; "train" is the training data, all others were held
         out.
-    held : the same for persistence, if it was compared.
+    persistence : the same for persistence, if it was compared.
     unfitted : the same for the model before the fit, if it was compared.
     findings : role or recording -> findings of the data checks, as from `distrust`.
     data : records of the held-out data; None takes those of the fit.
     more : further reasons.
     """
-    held, unfitted, findings = held or {}, unfitted or {}, findings or {}
-    comparison = _compared(value, held, unfitted)
+    persistence, unfitted, findings = persistence or {}, unfitted or {}, findings or {}
+    comparison = _compared(value, persistence, unfitted)
     roles = [role for role in value if role != TRAINED] or list(value)
     reasons = [
         *_trusted(fit, findings),
@@ -96,7 +96,7 @@ def judged(
     ]
     for role in roles:
         what = _called(role, roles)
-        reasons += _predicted(value[role], held.get(role, {}), unfitted.get(role, {}), what)
+        reasons += _predicted(value[role], persistence.get(role, {}), unfitted.get(role, {}), what)
         if role != TRAINED:
             reasons += _carried_over(value.get(TRAINED) or _trained(fit), value[role], what)
     reasons += misfit(fit)
@@ -304,7 +304,7 @@ def _rows(fit: Fit, role: str) -> int:
     return sum(record.samples for record in fit.data if record.role == role) or 1
 
 
-def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
+def _predicted(scores: Scores, persistence: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
     """Reasons from predictions, compared with persistence and with the unfitted model."""
     judged = [name for name in scores if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(scores)
     outputs = list(dict.fromkeys(output for name in judged for output in scores[name]))
@@ -313,7 +313,9 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     for output in outputs:
         errors = {name: scores[name][output] for name in judged if output in scores[name]}
         unexplained = [_unexplained(error) for error in errors.values()]
-        by_hold = [_ratio(e, held.get(name, {}).get(output)) for name, e in errors.items() if name in held]
+        by_hold = [
+            _ratio(e, persistence.get(name, {}).get(output)) for name, e in errors.items() if name in persistence
+        ]
         if min(unexplained) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
             useless.append(output)
         elif by_hold and np.nanmedian(by_hold) > 1.0:
@@ -469,14 +471,14 @@ def _ratio(error: Error, other: Error | None) -> float:
 
 
 def _compared(
-    value: Mapping[str, Scores], held: Mapping[str, Scores], unfitted: Mapping[str, Scores]
+    value: Mapping[str, Scores], persistence: Mapping[str, Scores], unfitted: Mapping[str, Scores]
 ) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
     result: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
     for role, protocols in value.items():
         for name, errors in protocols.items():
             for output, error in errors.items():
                 row = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
-                for word, others in (("persistence", held), ("unfitted", unfitted)):
+                for word, others in (("persistence", persistence), ("unfitted", unfitted)):
                     other = others.get(role, {}).get(name, {}).get(output)
                     if other is not None:
                         row[word] = other.rmse

@@ -7,7 +7,7 @@ from toys import tiny
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.fitting.scores.metrics import as_table, assumed, predict, score_beside_hold, simulate
+from greybox_id.fitting.scores.metrics import as_table, assumed, predict, score_with_persistence, simulate
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import vehicle
@@ -91,7 +91,7 @@ def test_models_with_memory_say_what_they_cannot():
 
 def test_errors_of_the_true_model_are_the_noise_and_holding_is_worse():
     model = build("lateral", vehicle=CAR)
-    own, held = score_beside_hold(model, driven("lateral", seconds=20.0))
+    own, held = score_with_persistence(model, driven("lateral", seconds=20.0))
     assert own["free run"]["yaw_rate"].rmse == pytest.approx(NOISE["yaw_rate"], rel=0.1)
     assert held["0.1 s ahead"]["yaw_rate"].rmse > own["0.1 s ahead"]["yaw_rate"].rmse
     assert held["1 s ahead"]["yaw_rate"].rmse > 5 * own["1 s ahead"]["yaw_rate"].rmse
@@ -100,7 +100,7 @@ def test_errors_of_the_true_model_are_the_noise_and_holding_is_worse():
 
 def test_holding_holds_the_reading_of_that_row():
     recording = driven("lateral", runs=1, noise=0.0)
-    _, held = score_beside_hold(build("lateral", vehicle=CAR), recording, [0.4])
+    _, held = score_with_persistence(build("lateral", vehicle=CAR), recording, [0.4])
     r = recording["yaw_rate"]
     assert held["0.4 s ahead"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r[10:] - r[:-10]) ** 2)))
     assert held["free run"]["yaw_rate"].rmse == pytest.approx(np.sqrt(np.mean((r - r[0]) ** 2)))

@@ -11,7 +11,7 @@ from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, weighe
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.requested_model import must_be_recorded
 from greybox_id.fitting.saved_fit import load
-from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
+from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_with_persistence
 from greybox_id.fitting.scores.misfit import foreign_form, misfit
 from greybox_id.fitting.scores.verdict import distrust, judged
 from greybox_id.fitting.verb import carried, fit
@@ -113,27 +113,27 @@ def test_an_optimum_that_is_not_confirmed_leaves_no_intervals_and_care(good):
     unconfirmed = replace(stage, certificate=replace(stage.certificate, confirmed=False))
     found = replace(good, stages=(unconfirmed,))
     assert not found.confirmed
-    own, held = score_beside_hold(found.model, lap(3))
-    said = judged(found, {"validate": own}, held={"validate": held})
+    own, held = score_with_persistence(found.model, lap(3))
+    said = judged(found, {"validate": own}, persistence={"validate": held})
     assert said.usability == WITH_CARE
     assert "not confirmed" in said.reasons[0]
     stuck = replace(found, stages=(replace(unconfirmed, steps=0),))  # shorter horizons had moved its numbers
-    assert judged(stuck, {"validate": own}, held={"validate": held}).usability == WITH_CARE
+    assert judged(stuck, {"validate": own}, persistence={"validate": held}).usability == WITH_CARE
     where_it_is = {p.name: float(p.array) for p in good.model.parameters if not p.fixed}
     stuck = replace(stuck, how={**stuck.how, "unfitted": where_it_is})
-    assert judged(stuck, {"validate": own}, held={"validate": held}).usability == NOT_USABLE
+    assert judged(stuck, {"validate": own}, persistence={"validate": held}).usability == NOT_USABLE
 
 
 def test_a_fit_that_made_the_model_worse_is_not_usable(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     better = {name: {o: replace(e, rmse=0.3 * e.rmse) for o, e in errors.items()} for name, errors in own.items()}
-    said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": better})
+    said = judged(good, {"validate": own}, persistence={"validate": held}, unfitted={"validate": better})
     assert said.usability == NOT_USABLE
     assert "3.3 times those of the unfitted model" in said.reasons[0]
 
 
 def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
 
     def worse_in(stretches):
         def changed(error):
@@ -145,7 +145,7 @@ def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
             n: {o: replace(e, blocks=np.ones(len(e.blocks))) for o, e in errors.items()} for n, errors in own.items()
         }
         value = {name: {o: changed(e) for o, e in errors.items()} for name, errors in own.items()}
-        return judged(good, {"validate": value}, held={"validate": held}, unfitted={"validate": even})
+        return judged(good, {"validate": value}, persistence={"validate": held}, unfitted={"validate": even})
 
     once = worse_in(1)
     assert once.usability == WITH_CARE
@@ -156,40 +156,40 @@ def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
 
 
 def test_one_output_that_was_made_worse_is_said(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     before = {
         name: {o: replace(e, rmse=e.rmse * (0.4 if o == "v_y" else 3.0)) for o, e in errors.items()}
         for name, errors in own.items()
     }
-    said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": before})
+    said = judged(good, {"validate": own}, persistence={"validate": held}, unfitted={"validate": before})
     assert said.usability == WITH_CARE
     assert "the RMSE of v_y is 2.5 times that of the unfitted model" in said.reasons[0]
 
 
 def test_a_fit_of_which_most_outputs_are_lost_one_way_or_another_is_not_usable(good):
     """One no better than its mean, one beaten by persistence: neither is most of three, but both are."""
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     worse = {"v_y": lambda e: 1.3 * e.spread, "a_y": lambda e: 1.3 * e.spread}
     lost = {n: {o: replace(e, rmse=worse[o](e) if o in worse else e.rmse) for o, e in errors.items()}
             for n, errors in own.items()}  # fmt: skip
     hold = {n: {o: replace(e, rmse=(0.9 if o == "a_y" else 5.0) * e.spread) for o, e in errors.items()}
             for n, errors in held.items()}  # fmt: skip
-    verdict = judged(good, {"validate": lost}, held={"validate": hold})
+    verdict = judged(good, {"validate": lost}, persistence={"validate": hold})
     assert verdict.usability == NOT_USABLE
 
 
 def test_a_fit_that_determines_nothing_is_not_usable(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     vague = replace(good, sd={p.name: np.asarray(abs(2.0 * p.array)) for p in good.model.parameters})
-    verdict = judged(vague, {"validate": own}, held={"validate": held})
+    verdict = judged(vague, {"validate": own}, persistence={"validate": held})
     assert verdict.usability == NOT_USABLE
     assert "determines none of the 2 estimates" in verdict.reasons[0]
 
 
 def test_errors_that_do_not_carry_over_are_said(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     trained = {name: {o: replace(e, rmse=e.rmse / 3) for o, e in errors.items()} for name, errors in own.items()}
-    said = judged(good, {"train": trained, "validate": own}, held={"validate": held})
+    said = judged(good, {"train": trained, "validate": own}, persistence={"validate": held})
     assert said.usability == WITH_CARE
     assert "does not carry over" in said.reasons[0]
 
@@ -198,14 +198,14 @@ def test_a_far_estimate_and_one_at_its_bound_are_said(good):
     from greybox_id.models.parameter import Prior
 
     far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 4.5))
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     changed = replace(good, model=good.model.with_parameters(far))
-    said = judged(changed, {"validate": own}, held={"validate": held})
+    said = judged(changed, {"validate": own}, persistence={"validate": held})
     assert said.usability == WITH_CARE
     assert "I_z by 4.5 sd" in said.reasons[0]
     value = float(good.model["I_z"].array)
     bound = replace(good, model=good.model.with_parameters(replace(good.model["I_z"], bounds=(value, 2 * value))))
-    assert "I_z is at a bound." in judged(bound, {"validate": own}, held={"validate": held}).reasons
+    assert "I_z is at a bound." in judged(bound, {"validate": own}, persistence={"validate": held}).reasons
 
 
 def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
@@ -224,10 +224,10 @@ def test_a_simulation_that_diverges_is_said_in_words_and_never_as_a_number():
 
 
 def test_a_fit_whose_predictions_diverge_is_not_usable(good):
-    own, held = score_beside_hold(good.model, lap(3))
+    own, held = score_with_persistence(good.model, lap(3))
     astray = Divergence(2, 0.5, 0.6, False)
     lost = {**own, "0.5 s ahead": {o: replace(e, rmse=np.inf, diverges=astray) for o, e in own["0.5 s ahead"].items()}}
-    said = judged(good, {"validate": lost}, held={"validate": held})
+    said = judged(good, {"validate": lost}, persistence={"validate": held})
     assert said.usability == NOT_USABLE
     assert "diverges in 60 % of the predictions 0.5 s ahead" in said.reasons[0]
 
