@@ -21,7 +21,7 @@ from .closing import closure
 from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis
-from .estimation.preparing import excerpt, thinned, with_beliefs
+from .estimation.preparing import excerpt, thinned, with_priors
 from .examining import Examined
 from .gap import Budget, Closure, Moved
 
@@ -164,7 +164,7 @@ def _fitted(
     """
     if not isinstance(begin, MotionModel):
         return []
-    believed = with_beliefs(begin, examined.effects, examined.vehicle)
+    believed = with_priors(begin, examined.effects, examined.vehicle)
     believed = believed.with_parameters(
         *(believed[parameter.name].with_value(parameter.array) for parameter in begin.parameters)
     )
@@ -201,7 +201,7 @@ def _counted(examined: Examined, best: Hypothesis) -> Array:
 def moved(examined: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:
     """Tolerances that a closed model has more than a standard deviation from their stated values; furthest first."""
     known, causes = [], {axis.name for axis in best.axes}
-    for parameter in with_beliefs(examined.model, examined.effects, examined.vehicle).parameters:
+    for parameter in with_priors(examined.model, examined.effects, examined.vehicle).parameters:
         if (
             parameter.fixed
             or parameter.prior is None

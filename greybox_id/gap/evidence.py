@@ -21,7 +21,7 @@ from scipy.special import chdtrc, chdtri
 from ..base.shorthands import Array
 from .estimation.axes import Candidate
 from .estimation.calibration import CAL
-from .estimation.constancy import steadily
+from .estimation.constancy import discounted
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import Colour
 from .selection import Selection
@@ -144,7 +144,7 @@ def _unsteady_factors(
             others = set(tried[k].names) - {name}
             without = min([selection.base.cost, *(item.cost for item in tried if set(item.names) == others)])
             gained = (without - tried[k].cost) / selection.search.trust
-            by = gained / float(steadily(np.array(gained), known[k][name])) if gained > 0 else 1.0
+            by = gained / float(discounted(np.array(gained), known[k][name])) if gained > 0 else 1.0
             result[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
     return result
 

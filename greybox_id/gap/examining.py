@@ -25,8 +25,8 @@ from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, unsteadiness, varies
 from .estimation.free_runs import at_their_best, misfit, plain
 from .estimation.hypothesis import Hypothesis, by_cost
-from .estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
-from .estimation.model_error import believed as believed_amplitudes
+from .estimation.model_error import AmplitudePrior, Amplitudes, ForceSizes, estimated, linearised, model_error
+from .estimation.model_error import amplitude_prior as believed_amplitudes
 from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare
@@ -90,7 +90,7 @@ class Examined:
     unnamed: Unnamed | None
     freed: dict[frozenset[str], Hypothesis]
     amplitudes: Amplitudes | None
-    expected: Believed
+    expected: AmplitudePrior
     stands: bool = True
 
     def at_its_best(self, hypothesis: Hypothesis) -> Hypothesis:
@@ -246,7 +246,7 @@ def _unsteadiness(search: Search, hypothesis: Hypothesis) -> list[float]:
 
 
 def _whitener(
-    bench: FreeRuns, good: NDArray[np.bool_], prior: Believed, sd: Array
+    bench: FreeRuns, good: NDArray[np.bool_], prior: AmplitudePrior, sd: Array
 ) -> Callable[[Search, Hypothesis | None], Whitener]:
     """How residuals are whitened: by unknown forces where the model has them, else as autoregressive processes."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
@@ -267,7 +267,7 @@ def _whitener(
 
 
 def _amplitudes(
-    bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: Believed
+    bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: AmplitudePrior
 ) -> Amplitudes | None:
     """Amplitudes of the model error that remains beside a hypothesis."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):

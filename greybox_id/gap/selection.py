@@ -17,7 +17,7 @@ from ..base.errors import BadInput
 from ..base.shorthands import Array, Mask
 from .estimation.axes import Axis, Candidate
 from .estimation.calibration import CAL
-from .estimation.constancy import steadily
+from .estimation.constancy import discounted
 from .estimation.hypothesis import Hypothesis, Start, by_cost
 from .estimation.problem import FORM
 from .estimation.refit import refit, settled, with_slopes
@@ -103,14 +103,14 @@ def select(
         stage = together.exchanged(stage)
     else:
         stage, prices = (
-            together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),
+            together.refitted(stage, np.zeros_like(stage.included), CAL.exchange_steps),
             np.full_like(prices, inf),
         )
     nothing = np.zeros(len(prices))
     stage, gains = together.pruned(stage, prices, nothing, nothing)
-    axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
+    axes = [replace(a, sd=a.sd * stage.error_scale, scale=a.scale * stage.error_scale) if a.name.startswith(FORM) else a
             for a in nuisances]  # fmt: skip
-    search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
+    search = Search(problem.bench, axes, stage.whitener, trust, stage.error_scale)
     search.nominal[:] = problem.nominal
     search.about(None)
     best = _refitted(search, _placed(search, together, stage))
@@ -118,7 +118,7 @@ def select(
     for _ in range(CAL.spreads_weighed):
         by = dict(zip(best.names, unsteadiness(search, best), strict=True))
         seen = np.array([max(by.get(name, 0.0), known) for name, known in zip(names, unsteady, strict=True)])
-        off = np.where(stage.there, steadily(gains, seen) - prices, np.inf)
+        off = np.where(stage.included, discounted(gains, seen) - prices, np.inf)
         weak = np.argsort(off)[: np.count_nonzero(off < 0)]
         if not len(weak):
             break
@@ -126,7 +126,7 @@ def select(
         unsteady[worse] = seen[worse]
         later, gained = together.pruned(stage, prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, later))
-        if np.any(later.there) and not again.names:  # simulations with these overflow
+        if np.any(later.included) and not again.names:  # simulations with these overflow
             break
         stage, gains, best = later, gained, again
     base = _base(search, best)
@@ -136,8 +136,8 @@ def select(
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
     if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # both may explain more than either
-        there = stage.there | np.isin(names, min(alike, key=by_cost).names)
-        stage, gains = together.pruned(together.refitted(stage, there, CAL.exchange_steps), prices, unsteady, gains)
+        included = stage.included | np.isin(names, min(alike, key=by_cost).names)
+        stage, gains = together.pruned(together.refitted(stage, included, CAL.exchange_steps), prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]
@@ -163,11 +163,11 @@ def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothe
     problem, state = together.problem, stage.state
     p = problem.vector(state)
     values = {axis.name: float(p[axis.index]) for axis in search.moving}
-    for k in np.flatnonzero(stage.there):
+    for k in np.flatnonzero(stage.included):
         values.pop(problem.causes[k].main.name, None)
     value = search.at_values(values)
     candidates, m = [], list[float]()
-    for k in np.flatnonzero(stage.there):
+    for k in np.flatnonzero(stage.included):
         cause = problem.causes[k]
         candidates.append(_as_refitted(problem.causes[k].forms[state.form[k]].candidate))
         at = float(state.m[k]) if state.on[k] or problem.smooth[k] else float(cause.main.null)
@@ -231,11 +231,11 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with other causes in the place of each effect, as far as they may explain as much."""
     problem, sets, state = together.problem, stage.sets, stage.state
-    here, starts, offs = sets.cost(stage.there), list[Start](), list[float]()
-    for k in np.flatnonzero(stage.there):
+    here, starts, offs = sets.cost(stage.included), list[Start](), list[float]()
+    for k in np.flatnonzero(stage.included):
         tried = list[tuple[float, int, Mask]]()
-        for new in np.flatnonzero(~stage.there):
-            swap = stage.there.copy()
+        for new in np.flatnonzero(~stage.included):
+            swap = stage.included.copy()
             swap[k], swap[new] = False, True
             tried.append((sets.cost(swap) - here, int(new), swap))
         tried.sort(key=lambda each: each[0])

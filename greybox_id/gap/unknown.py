@@ -229,7 +229,7 @@ def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
     it.
     """
     off = np.concatenate([best.theta, best.linear]) - search.means
-    value = np.diag(search.beliefs({axis.index for axis in best.axes}))
+    value = np.diag(search.prior_precision({axis.index for axis in best.axes}))
     strained = search.white[:, value * off**2 > 1.0]
     columns = search.weighed(best.J).reshape(len(search.white), -1)
     result = {}
@@ -245,7 +245,7 @@ def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
 def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
     """Remaining model error beside the best explanation, with the strain of tolerances and the noise."""
     off = np.concatenate([best.theta, best.linear]) - search.means
-    value = search.beliefs({axis.index for axis in best.axes})
+    value = search.prior_precision({axis.index for axis in best.axes})
     each = np.sqrt(np.maximum(np.diag(value), 0.0)) * np.abs(off)
     names = [axis.name for axis in (*search.moving, *search.shifts, *search.shifts)]
     k = int(np.argmax(each[: len(names)])) if names else -1

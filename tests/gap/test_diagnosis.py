@@ -17,7 +17,7 @@ from greybox_id.gap.closed_model import HARMS
 from greybox_id.gap.diagnosis import _ranking_keys, diagnose
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
-from greybox_id.gap.estimation.model_error import believed
+from greybox_id.gap.estimation.model_error import amplitude_prior
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
 from greybox_id.gap.judging import _beside_unknown, _strains, may_vary, misnamed_probability, unnamed_probability
 from greybox_id.models.effects import EFFECTS, vocabulary
@@ -321,7 +321,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
     left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0})
     stated = {"F_y": StatedModelError(share=0.08)}
-    usual, own = (believed(np.ones(1), told=True, exact=False, stated=known) for known in ({}, stated))
+    usual, own = (amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated=known) for known in ({}, stated))
     found = SimpleNamespace(unnamed=left, noise_stated=True, expected=usual)
     assert unnamed_probability(found) > 0.9
     found.expected = own
@@ -329,7 +329,7 @@ def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
 
 
 def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_and_of_a_mimic():
-    usual = believed(np.ones(1), told=True, exact=False, stated={})
+    usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
     calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
     strained = replace(calm, tolerances=96.0)
     assert calm.strain == 0.0  # within two standard deviations, 8 each
@@ -368,7 +368,7 @@ def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_m
 
 
 def test_a_size_may_vary_less_beside_something_unnamed():
-    usual = believed(np.ones(1), told=True, exact=False, stated={})
+    usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
     calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
     limits = [
         may_vary(
@@ -388,7 +388,7 @@ def test_a_size_may_vary_less_beside_something_unnamed():
 
 def test_what_a_refused_name_explains_is_unnamed():
     """Nothing contradicts itself: a gap whose only name is a mimic's is there by no name."""
-    usual = believed(np.ones(1), told=True, exact=False, stated={})
+    usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
     calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
     best = SimpleNamespace(names=("lag",), cost=-30.0)
     selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=[best])

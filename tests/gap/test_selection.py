@@ -9,7 +9,7 @@ from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
 from greybox_id.gap import selection
 from greybox_id.gap.estimation.causes import Form, PossibleCause
-from greybox_id.gap.estimation.model_error import believed
+from greybox_id.gap.estimation.model_error import amplitude_prior
 from greybox_id.gap.estimation.problem import JointProblem
 from greybox_id.gap.estimation.together import JointSearch, JointWhitening
 from greybox_id.gap.evidence import evidence, heaviest
@@ -29,7 +29,7 @@ def selected(
 ):  # fmt: skip
     problem = JointProblem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
     search = JointSearch(
-        problem, JointWhitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None
+        problem, JointWhitening(problem, SD, amplitude_prior(SD, True, True, {}), False, 1.0), lambda *_, **__: None
     )
     return select(search, nuisances, costs, unsteady, 1.0, stands)
 

@@ -23,7 +23,7 @@ from ...models.effect import Effect
 from ...models.motion_model import MotionModel
 from ...models.vehicle import StatedModelError
 from ..advice import same_readings
-from ..estimation.model_error import Amplitudes, believed
+from ..estimation.model_error import Amplitudes, amplitude_prior
 from ..gap import Gap
 from .course import PlannedMotion
 from .information import FARTHEST, ROUGH_RATE
@@ -441,7 +441,7 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
     if result is not None:
         stated["F_y"] = StatedModelError(result.share_y, result.floor_y, result.memory_y)
         stated["F_x"] = StatedModelError(result.share_x, result.floor_x, result.memory_x)
-    usual = believed(np.array([floors.get(name, 1.0) for name in model.outputs]), True, False, stated).median
+    usual = amplitude_prior(np.array([floors.get(name, 1.0) for name in model.outputs]), True, False, stated).median
     return tuple(name for name in model.outputs if name in floors), usual
 
 

@@ -16,7 +16,7 @@ from ...fitting.fit import Fit
 from ...models.model import must_be
 from ...models.motion_model import MotionModel
 from ..estimation.axes import scalars
-from ..estimation.model_error import believed
+from ..estimation.model_error import amplitude_prior
 from .course import PlannedMotion
 from .scatter import ExpectedErrors, Rough, sandwich
 
@@ -119,7 +119,7 @@ class Information:
         self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
         self.simulator.kernel.prepare()
         self.rough_simulator.kernel.prepare()
-        self.errors = ExpectedErrors(self.model, believed(self.noise, True, False, {}).median)
+        self.errors = ExpectedErrors(self.model, amplitude_prior(self.noise, True, False, {}).median)
 
     def of(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Array]:
         """(q, q) information of each plan on the free numbers, with starts of runs free; zero where it is not finite.

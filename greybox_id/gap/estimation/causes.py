@@ -60,7 +60,7 @@ def causes(
     shifting: frozenset[str],
     stated: Sequence[Axis],
     sample_time: float,
-    rough: bool,
+    inexact: bool,
 ) -> tuple[PossibleCause, ...]:
     """All effects of a model as causes that may be present.
 
@@ -71,13 +71,13 @@ def causes(
     shifting : names of parameters on which delays or latencies depend.
     stated : tolerances, among them effects that a file says to be present a little.
     sample_time : s.
-    rough : whether equations are inexact: small effects are no gap then.
+    inexact : whether equations are inexact: small effects are no gap then.
     """
     tolerated = {item.index: item for item in stated}
     result = dict[str, list[Candidate]]()
     for candidate in candidates(model, effects, shifting):
         result.setdefault(candidate.effect, []).append(candidate)
-    return tuple(_cause(model, effects[name], forms, tolerated, sample_time, rough) for name, forms in result.items())
+    return tuple(_cause(model, effects[name], forms, tolerated, sample_time, inexact) for name, forms in result.items())
 
 
 def _cause(
@@ -86,19 +86,19 @@ def _cause(
     forms: Sequence[Candidate],
     tolerated: Mapping[int, Axis],
     sample_time: float,
-    rough: bool,
+    inexact: bool,
 ) -> PossibleCause:
     main = forms[0].axes[0]
     usual = usual_size(model, effect)
     if main.inverse or not np.isfinite(usual):
         usual = main.scale
-    value = tolerated.get(main.index)
-    zone = CAL.indifference * usual if rough and (effect.gradual or main.unit in ("s", "m")) else 0.0
-    if rough and main.unit == "s":
+    tolerance = tolerated.get(main.index)
+    zone = CAL.indifference * usual if inexact and (effect.gradual or main.unit in ("s", "m")) else 0.0
+    if inexact and main.unit == "s":
         zone = max(zone, CAL.timing * sample_time)
-    if value is not None:
-        zone = max(zone, value.sd)
-        main = replace(main, mean=value.mean)
+    if tolerance is not None:
+        zone = max(zone, tolerance.sd)
+        main = replace(main, mean=tolerance.mean)
     return PossibleCause(effect.name, main, tuple(_form(each, usual) for each in forms), usual, zone, forms[0].gradual)
 
 
@@ -110,7 +110,7 @@ def _form(candidate: Candidate, usual: float) -> Form:
             ways.append((axis.low,))
             axes.append(axis)
             continue
-        value, at = _believed(axis)
+        value, at = _with_prior(axis)
         axes.append(value)
         ways.append(at)
     seconds = tuple(axis for axis in axes if axis.low < axis.high)
@@ -123,7 +123,7 @@ def _form(candidate: Candidate, usual: float) -> Form:
     return Form(replace(candidate, axes=(main, *axes)), seconds, starts)
 
 
-def _believed(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
+def _with_prior(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
     """A second parameter with a prior as wide as the values at which it is probed, and these values."""
     if axis.unit == "rad":
         return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS

@@ -17,7 +17,7 @@ class FirstOrder:
 
     Parameters
     ----------
-    squares, prec : normal equations and prior precisions about the state.
+    quadratic, prec : normal equations and prior precisions about the state.
     switched_at : (causes,) distance from the null beyond which a cause is simulated.
     switched : (causes,) those that are simulated from this step on.
 
@@ -26,8 +26,8 @@ class FirstOrder:
     low, high : (K,) bounds of a step of all coordinates, so that these stay within their range.
     """
 
-    def __init__(self, squares: Quadratic, prec: Array, switched_at: Array, switched: Mask) -> None:
-        linear = squares.about
+    def __init__(self, quadratic: Quadratic, prec: Array, switched_at: Array, switched: Mask) -> None:
+        linear = quadratic.about
         here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
         reach = np.append(switched_at, np.inf)[linear.cause[here]]  # no limit for what is no cause (-1)
         self._A, self._here, self._prec, self._off = linear.A, here, prec[here], (linear.at - linear.mean)[here]
@@ -35,7 +35,7 @@ class FirstOrder:
         self.low[here] = np.maximum(self.low[here], -reach - self._off)
         self.high[here] = np.minimum(self.high[here], reach - self._off)
         self._within = self.low[here], self.high[here]
-        self._H = squares.G[np.ix_(here, here)] + np.diag(self._prec)
+        self._H = quadratic.G[np.ix_(here, here)] + np.diag(self._prec)
 
     def left(self, R: Array) -> Array:
         """(n,) squares of residuals, (R, n), and of the prior that are left with these coordinates at their best."""

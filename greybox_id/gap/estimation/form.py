@@ -18,13 +18,13 @@ from .axes import Axis
 from .calibration import CAL
 
 
-def rough_curves(axes: Sequence[Axis], rough: float = 1.0) -> tuple[tuple[Axis, ...], Array]:
+def curve_priors(axes: Sequence[Axis], scale: float = 1.0) -> tuple[tuple[Axis, ...], Array]:
     """Nuisances with the priors of tyre curves on B, C, E and D, and how parameters depend on their coordinates.
 
     Parameters
     ----------
     axes : nuisances; an axle of which B, C and E are all among them has an inexact curve.
-    rough : errors of curves over their usual size.
+    scale : errors of curves over their usual size.
 
     Returns
     -------
@@ -40,11 +40,11 @@ def rough_curves(axes: Sequence[Axis], rough: float = 1.0) -> tuple[tuple[Axis, 
         value = [places[name] for name in names]
         B, C, E = (axes[k].mean for k in value)
         stated = np.diag([axes[k].sd ** 2 for k in value])
-        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E, rough), np.array([1 / B, 1 / C, 0.0]))
+        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E, scale), np.array([1 / B, 1 / C, 0.0]))
         for k in value:
             result[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
-            off = float(np.hypot(axes[peak].sd, rough * CAL.peak_off * axes[peak].mean))
+            off = float(np.hypot(axes[peak].sd, scale * CAL.peak_off * axes[peak].mean))
             result[peak] = replace(axes[peak], sd=off).relatively()
     return tuple(result), mix
 
@@ -56,14 +56,14 @@ def _slope_and_shape(covariance: Array, slope: Array) -> Array:
     return np.column_stack([along, ways[:, 1:] * np.sqrt(sizes[1:])])
 
 
-def _of_curve(B: float, C: float, E: float, rough: float) -> Array:
+def _of_curve(B: float, C: float, E: float, scale: float) -> Array:
     """(3, 3) covariance of B, C and E under which curves differ by `CAL.curve_off`."""
     J = _sensitivities(B, C, E)
     free = np.array(CAL.loose) * (B, C, 1.0)
     slope = np.array([1 / B, 1 / C, 0.0])
-    known = len(free) * (J.T @ J) / len(J) / (rough * CAL.curve_off) ** 2  # the error is shared by as many directions
+    known = len(free) * (J.T @ J) / len(J) / (scale * CAL.curve_off) ** 2  # the error is shared by as many directions
     return np.asarray(
-        np.linalg.inv(known + np.outer(slope, slope) / (rough * CAL.slope_off) ** 2 + np.diag(free**-2.0))
+        np.linalg.inv(known + np.outer(slope, slope) / (scale * CAL.slope_off) ** 2 + np.diag(free**-2.0))
     )
 
 

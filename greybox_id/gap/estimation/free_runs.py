@@ -57,11 +57,11 @@ def refitted_tolerances(
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
     sd: Array | None = None,
-    there: Sequence[Mapping[str, float]] = (),
+    start_values: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
 ) -> tuple[Misfit, FreeRuns]:
     """Errors of a model whose tolerances are refitted to recordings; parameters as of `freed_tolerances`."""
-    errors, search, _ = freed_tolerances(model, recordings, vehicle, effects, sd, there, trust)
+    errors, search, _ = freed_tolerances(model, recordings, vehicle, effects, sd, start_values, trust)
     return errors, search.bench
 
 
@@ -71,7 +71,7 @@ def freed_tolerances(
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
     sd: Array | None = None,
-    there: Sequence[Mapping[str, float]] = (),
+    start_values: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
 ) -> tuple[Misfit, Search, Hypothesis]:
     """Errors of a model whose tolerances are refitted to recordings, the search, and the refitted hypothesis.
@@ -83,7 +83,7 @@ def freed_tolerances(
     vehicle : its stated tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
     sd : (channels,) noise where none is stated; None: estimated from what is faster than motion.
-    there : parameter values from which tolerances are refitted, too; the best of all counts.
+    start_values : parameter values from which tolerances are refitted, too; the best of all counts.
     trust : how many independent readings one counts as, if it has to be that of another model for comparison; None: by
         the errors that remain. Errors beyond noise are alike for a while: taken for noise, they would press every
         tolerance to its limit.
@@ -100,25 +100,25 @@ def freed_tolerances(
     good = sound(start, fresh(bench), bench.rows)
     search = Search(bench, value, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
-    starts = [search.at_means(), *(map(search.at_values, there) if search.moving else ())]
+    starts = [search.at_means(), *(map(search.at_values, start_values) if search.moving else ())]
     result, most = starts[0], 1.0
     for step in CAL.trusts if value else CAL.trusts[-1:]:
         search.trusting(min(step, most))
         tried = list[Hypothesis]()
         for begin in starts:
             search.about(begin)
-            for each in refit(search, _about(search, begin)):
+            for each in refit(search, _starts_about(search, begin)):
                 tried += [each, settled(search, each)]
         if tried:  # none where derivatives leave the range of numbers
             result = min(tried, key=by_cost)
-            starts, most = [result], _worth(result.e / sd, good) if trust is None else trust
+            starts, most = [result], _independent_share(result.e / sd, good) if trust is None else trust
     if not np.isfinite(result.cost):  # wherever it was refitted: as stated it is within the range
         return Misfit(start, 0.0), search, replace(result, e=start)
     freed = replace(misfit(search, result), trust=search.trust, values=search.values(result), cost=result.cost)
     return freed, search, result
 
 
-def _about(search: Search, begin: Hypothesis) -> list[Start]:
+def _starts_about(search: Search, begin: Hypothesis) -> list[Start]:
     """Starts at a hypothesis, and the same with linear nuisances at their prior means.
 
     Where the vehicle nearly spins, their estimates may not suit derivatives that are taken anew.
@@ -128,7 +128,7 @@ def _about(search: Search, begin: Hypothesis) -> list[Start]:
     return [search.start_of(begin), *([] if same else [believed])]
 
 
-def _worth(e: Array, good: Mask) -> float:
+def _independent_share(e: Array, good: Mask) -> float:
     """How many independent readings one counts as: noise is new in each, errors beyond it are correlated."""
     if not np.any(good):
         return 1.0

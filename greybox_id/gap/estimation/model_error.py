@@ -75,7 +75,7 @@ class Amplitudes:
 
 
 @dataclass(frozen=True)
-class Believed:
+class AmplitudePrior:
     """Prior of the amplitudes: medians, and standard deviations of the logarithms, in the order of `logarithms`."""
 
     median: Amplitudes
@@ -86,35 +86,36 @@ class Believed:
         return np.asarray(0.5 * np.sum(((logarithms - self.median.logarithms) / self.sd) ** 2, axis=-1))
 
 
-def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedModelError]) -> Believed:
+def amplitude_prior(
+    noise: Array, noise_stated: bool, exact: bool, stated: Mapping[str, StatedModelError]
+) -> AmplitudePrior:
     """Prior of model error and noise, before a recording is examined.
 
     Parameters
     ----------
     noise : (channels,) standard deviations, stated or estimated.
-    told : whether they were stated.
+    noise_stated : whether they were stated.
     exact : whether the equations' numbers are stated without tolerances.
     stated : "F_y", "F_x" -> what a vehicle file states of its model error; the rest is as of any vehicle.
     """
-    entry = CAL
-    form = entry.form_exact if exact else entry.form
-    floor = entry.floor * form / entry.form
+    form = CAL.form_exact if exact else CAL.form
+    floor = CAL.floor * form / CAL.form
     n = len(noise)
-    colour = (entry.colour_exact if exact else entry.colour) * noise
-    usual = {"share": (form, entry.form_sd), "amplitude": (floor, entry.form_sd)}
-    usual["correlation_time"] = (entry.memory, entry.memory_sd)
+    colour = (CAL.colour_exact if exact else CAL.colour) * noise
+    usual = {"share": (form, CAL.form_sd), "amplitude": (floor, CAL.form_sd)}
+    usual["correlation_time"] = (CAL.memory, CAL.memory_sd)
     medians, sds = list[float](), list[float]()
     for name, (middle, sd) in usual.items():
         for force in ("F_y", "F_x"):
             value = getattr(stated.get(force), name, None)
             medians.append(middle if value is None else value)
-            sds.append(sd if value is None else entry.form_sd_stated)
+            sds.append(sd if value is None else CAL.form_sd_stated)
     all_sds = np.concatenate([
-        sds, [entry.noise_sd if told else entry.noise_sd_estimated] * n, [entry.colour_sd] * n, [entry.memory_sd],
+        sds, [CAL.noise_sd if noise_stated else CAL.noise_sd_estimated] * n, [CAL.colour_sd] * n, [CAL.memory_sd],
     ])  # fmt: skip
     share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
-    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, entry.sensor_memory)
-    return Believed(median, all_sds)
+    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, CAL.sensor_memory)
+    return AmplitudePrior(median, all_sds)
 
 
 @dataclass(frozen=True)
@@ -158,13 +159,15 @@ class ForceSizes:
         trace = bench.simulator.trace
         self.forces = [force for force, (name, _) in FORCES.items() if name in bench.model]
         requested = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
-        self._told = SampledFunction(trace.told(tuple(requested)))
-        self._asked = requested
+        self._evaluated = SampledFunction(trace.told(tuple(requested)))
+        self._requested = requested
 
     def __call__(self, z: Array, segments: Array, p: Array) -> Array:
         """(S, forces) N."""
-        known = np.abs(self._told(z, segments, p))
-        columns = [sum(known[:, self._asked.index(n)] for n in SCALES[f] if n in self._asked) for f in self.forces]
+        known = np.abs(self._evaluated(z, segments, p))
+        columns = [
+            sum(known[:, self._requested.index(n)] for n in SCALES[f] if n in self._requested) for f in self.forces
+        ]
         return np.column_stack(columns)
 
 
@@ -191,7 +194,7 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
     nz = simulator.trace.size
     Y = Y[:, 0]
     A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
-    value = _that_matter(A, B, C)
+    value = _states_that_matter(A, B, C)
     counted, first, row, channel, place = bench.counted, [], [], [], []
     offset = 0
     for (plan, _), rows in zip(trajectory, bench.rows, strict=True):
@@ -223,7 +226,7 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
     )  # fmt: skip
 
 
-def _that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
+def _states_that_matter(A: Array, B: Array, C: Array) -> NDArray[np.bool_]:
     """(n,) whether errors reach a state, and it reaches readings; other states need not be followed."""
     moves, seen = np.any(A != 0, axis=0), np.any(C != 0, axis=(0, 1))
     reached = np.any(B != 0, axis=(0, 2))
@@ -293,7 +296,11 @@ def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bo
 
 
 def estimated(
-    about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: Believed, steps: int = CAL.amplitude_steps
+    about: Linearised,
+    residuals: Array,
+    usable: NDArray[np.bool_],
+    prior: AmplitudePrior,
+    steps: int = CAL.amplitude_steps,
 ) -> Amplitudes:
     """The amplitudes of highest posterior density, given residuals.
 

@@ -124,11 +124,11 @@ def prepare(
     vehicle : its stated parameters; one stated without an sd is exact here. None: all priors of equations of motion
         count; those of learnt parameters do not, for they describe them as they were before a fit.
     """
-    nominal = _rough(model, recordings, effects, vehicle)
+    nominal = _with_form_errors(model, recordings, effects, vehicle)
     step = min(
         (float(np.median(np.diff(recording.time))) for recording in recordings if len(recording) > 1), default=0.0
     )
-    nominal = _indifferent(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
+    nominal = _with_zones(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
     everything, concerned = nominal, {}
     for name, effect in effects.items():
         if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
@@ -145,20 +145,20 @@ def prepare_plain(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Prepared:
     """The model without candidates, if it is only simulated and refitted."""
-    nominal = _rough(model, recordings, effects, vehicle)
+    nominal = _with_form_errors(model, recordings, effects, vehicle)
     return Prepared(nominal, _observed(nominal, recordings), {})
 
 
-def _rough(
+def _with_form_errors(
     model: Diagnosed, recordings: Sequence[Recording], effects: Mapping[str, Effect], vehicle: Vehicle | None
 ) -> Diagnosed:
     if vehicle is None and model.learnt:
         vehicle = Vehicle(model.name)
-    nominal = with_beliefs(model, effects, vehicle)
+    nominal = with_priors(model, effects, vehicle)
     return nominal if vehicle is None else with_roughness(nominal, vehicle, _usual(nominal, recordings))
 
 
-def with_beliefs(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
+def with_priors(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
     """The model with parameters that have priors free, and all others held; arguments as of `prepare`."""
     nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
     return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
@@ -187,7 +187,7 @@ def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
     return model.aliases.get(name, (name,))
 
 
-def _indifferent(
+def _with_zones(
     model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float, usual: float
 ) -> Diagnosed:
     """The model with a narrow prior about every effect's null: within it, a present effect does not matter.
@@ -214,9 +214,9 @@ def _indifferent(
 
 def usual_size(model: Diagnosed, effect: Effect) -> float:
     """Usual size of an effect on this vehicle: lengths are in proportion to the wheelbase, forces to the weight."""
-    own = effect.parameter
-    typical = abs(effect.typical - float(own.array))
-    return _sizes(model).get(own.unit, typical) if isinstance(model, MotionModel) else typical
+    magnitude = effect.parameter
+    typical = abs(effect.typical - float(magnitude.array))
+    return _sizes(model).get(magnitude.unit, typical) if isinstance(model, MotionModel) else typical
 
 
 def _sizes(model: MotionModel) -> dict[str, float]:

@@ -18,7 +18,7 @@ from ...engine.simulation import FreeRuns
 from .axes import Axis
 from .calibration import CAL
 from .causes import Form, PossibleCause
-from .form import rough_curves
+from .form import curve_priors
 from .noise import Whitener
 
 LEAST_ZONE = 1e-4
@@ -43,7 +43,7 @@ class JointState:
 
     Attributes
     ----------
-    theta : (tolerances,) coordinates; those of tyre curves are the ones of `rough_curves` at the present model-error
+    theta : (tolerances,) coordinates; those of tyre curves are the ones of `curve_priors` at the present model-error
         scale.
     m : (causes,) coordinates of magnitudes.
     seconds : of each cause, coordinates of all its second parameters.
@@ -123,18 +123,18 @@ class JointProblem:
             [each.gradual and not each.main.inverse and not each.forms[0].starts for each in self.causes], dtype=bool
         )
         self.simulations = 0
-        self._looking = dict[int, tuple[int, int]]()
+        self._probes = dict[int, tuple[int, int]]()
         self._slopes = dict[int, Array]()
-        self.roughly(1.0)
+        self.set_error_scale(1.0)
 
     # ---- priors
 
-    def roughly(self, factor: float, state: JointState | None = None) -> JointState | None:
+    def set_error_scale(self, factor: float, state: JointState | None = None) -> JointState | None:
         """Scale the priors of curves and form errors by `factor`; the state keeps its parameters' values."""
         before = None if state is None else self._parameters(state.theta)
         axes = [replace(a, sd=a.sd * factor, scale=a.scale * factor) if a.name.startswith(FORM) else a
                 for a in self._stated]  # fmt: skip
-        self.tolerances, self.mix = rough_curves(axes, factor)
+        self.tolerances, self.mix = curve_priors(axes, factor)
         self.theta_mean = np.array([axis.mean for axis in self.tolerances])
         self.theta_sd = np.array([axis.sd for axis in self.tolerances])
         if state is None or before is None:
@@ -187,16 +187,16 @@ class JointProblem:
     # ---- linearisation
 
     def linearise(
-        self, state: JointState, whitener: Whitener, look: bool, precision: Array
+        self, state: JointState, whitener: Whitener, probe: bool, precision: Array
     ) -> tuple[JointState, Linear]:
         """Linearise about a state.
 
         Parameters
         ----------
-        look : whether causes that are not simulated are probed from all their starts; the best start of each is kept.
+        probe : whether causes that are not simulated are probed from all their starts; the best start of each is kept.
         precision : (causes,) prior precisions of magnitudes, for choosing these starts.
         """
-        state = self._as_looked_at(state)
+        state = self._at_probes(state)
         p = self.vector(state)
         smooth = [k for k in range(len(self.causes)) if self.smooth[k]]
         ons = [k for k in range(len(self.causes)) if state.on[k] and not self.smooth[k]]
@@ -206,18 +206,18 @@ class JointProblem:
         indices += [axis.index for _, _, axis in seconds]
         _, J, S = self.bench.linearise(p, indices)
         nt, E = len(self.tolerances), len(self.causes)
-        by_seconds = J[:, :, nt + len(smooth) :] * _by(p, [axis for _, _, axis in seconds])
+        by_seconds = J[:, :, nt + len(smooth) :] * _by_coordinates(p, [axis for _, _, axis in seconds])
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
         requested: list[tuple[Array, float]] = [(p, 1.0)]
         shifted = dict[int, Array]()  # of delays: the vectors below, by place among those requested
         for k in ons:
             if self.causes[k].main.shift:
-                below, above, step = self._about(p, state, k)
+                below, above, step = self._around_delay(p, state, k)
                 shifted[len(requested)] = below
                 requested.append((above, step))
             else:
-                requested.append(self._beside(p, state, k))
+                requested.append(self._stepped_magnitude(p, state, k))
         for k in jumps:
             q = p.copy()
             q[self.causes[k].main.index] = CAL.at_once * self.zone[k]
@@ -226,8 +226,8 @@ class JointProblem:
             q = p.copy()
             q[axis.index] = axis.value(axis.mean + axis.sd)
             requested.append((q, axis.sd))
-        kept = [] if look else [k for k in offs if k in self._slopes]
-        starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, look)]
+        kept = [] if probe else [k for k in offs if k in self._slopes]
+        starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, probe)]
         for k, f, s in starts:
             cause = self.causes[k]
             q = p.copy()
@@ -250,7 +250,7 @@ class JointProblem:
         at_starts = at_first + S.shape[2] + c - a
         every = np.empty((*self.bench.measured.shape, at_starts + len(starts)))
         mixed = np.zeros((nt + len(smooth), nt + E))
-        mixed[:nt, :nt] = self.mix * _by(p, self.tolerances)[:, None]
+        mixed[:nt, :nt] = self.mix * _by_coordinates(p, self.tolerances)[:, None]
         mixed[nt + np.arange(len(smooth)), [nt + k for k in smooth]] = 1.0
         every[:, :, 0] = e[0]
         every[:, :, 1:at_seconds] = np.tensordot(J[:, :, : len(mixed)], mixed, axes=1)
@@ -260,12 +260,12 @@ class JointProblem:
         every[:, :, at_first + S.shape[2] :] = np.moveaxis(slopes[a:], 0, 2)
         white = whitener.white(_limited(every)).reshape(-1, every.shape[2])
         if starts:
-            there = np.array([k for k in range(E) if k not in {k for k, *_ in starts}], dtype=np.intp)
+            others = np.array([k for k in range(E) if k not in {k for k, *_ in starts}], dtype=np.intp)
             rest = np.r_[1:at_mains, at_seconds:at_starts]
-            known = self._precisions(whitener, seconds, b - a), precision[there]
-            state = self._seen(state, starts, white, np.r_[rest, at_mains + there], np.concatenate(known))
+            known = self._precisions(whitener, seconds, b - a), precision[others]
+            state = self._with_best_probes(state, starts, white, np.r_[rest, at_mains + others], np.concatenate(known))
         for place, (k, f, s) in enumerate(starts):
-            if (f, s) == self._looking.get(k):
+            if (f, s) == self._probes.get(k):
                 white[:, at_mains + k], self._slopes[k] = white[:, at_starts + place], slopes[c + place].copy()
         for k in ons:
             self._slopes.pop(k, None)
@@ -274,7 +274,7 @@ class JointProblem:
     def _form(self, state: JointState, k: int) -> Form:
         return self.causes[k].forms[state.form[k]]
 
-    def _beside(self, p: Array, state: JointState, k: int) -> tuple[Array, float]:
+    def _stepped_magnitude(self, p: Array, state: JointState, k: int) -> tuple[Array, float]:
         """A vector with the magnitude of a simulated cause moved a little, and the step by which it is."""
         cause, m = self.causes[k], float(state.m[k])
         size = max(abs(m - cause.main.null), 0.3 * cause.usual)
@@ -285,7 +285,7 @@ class JointProblem:
         q[cause.main.index] = cause.main.value(m + step)
         return q, step
 
-    def _about(self, p: Array, state: JointState, k: int) -> tuple[Array, Array, float]:
+    def _around_delay(self, p: Array, state: JointState, k: int) -> tuple[Array, Array, float]:
         """Vectors half a row below and above a simulated delay, less far where it is shorter, and their distance.
 
         A difference to one side alone describes what would be a row later: a step that follows it may raise the cost,
@@ -298,11 +298,11 @@ class JointProblem:
         below[axis.index], above[axis.index] = axis.value(start), axis.value(end)
         return below, above, max(end - start, CAL.shifted)
 
-    def _starts(self, state: JointState, k: int, look: bool) -> list[tuple[int, int]]:
+    def _starts(self, state: JointState, k: int, probe: bool) -> list[tuple[int, int]]:
         """(form, start) pairs from which a cause that is not simulated is probed."""
-        if look or k not in self._looking:
+        if probe or k not in self._probes:
             return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
-        return [self._looking[k]]
+        return [self._probes[k]]
 
     def _precisions(self, whitener: Whitener, seconds: Sequence[tuple[int, int, Axis]], jumps: int) -> Array:
         """Prior precisions of all coordinates but magnitudes: tolerances, second parameters, first-order ones."""
@@ -315,7 +315,7 @@ class JointProblem:
         channel = [self.bench.channels.index(self.bench.model.states[k].name) for k in self.bench.loose]
         return [float(whitener.stationary_sd[c]) for _ in self.bench.runs for c in channel]
 
-    def _seen(
+    def _with_best_probes(
         self, state: JointState, starts: Sequence[tuple[int, int, int]], columns: Array, beside: Array, known: Array
     ) -> JointState:
         """The state with each cause that is not simulated at the start from which it explains most beside all else.
@@ -327,7 +327,7 @@ class JointProblem:
         beside : indices of the columns of all else.
         known : prior precisions of the latter.
         """
-        looked, products = self._looking, columns.T @ columns
+        probes, products = self._probes, columns.T @ columns
         each = np.arange(columns.shape[1] - len(starts), columns.shape[1])
         solve = inverse(products[np.ix_(beside, beside)] + np.diag(known))
         cross = products[np.ix_(beside, each)]
@@ -344,13 +344,13 @@ class JointProblem:
             gain = -g * c - 0.5 * (h + slab) * c * c
             if k not in best or gain > best[k]:
                 best[k] = gain
-                looked[k] = (f, s)
-        return self._as_looked_at(state)
+                probes[k] = (f, s)
+        return self._at_probes(state)
 
-    def _as_looked_at(self, state: JointState) -> JointState:
+    def _at_probes(self, state: JointState) -> JointState:
         """The state with causes that are not simulated in the form and at the start of their best probe."""
         seconds, forms = list(state.seconds), list(state.form)
-        for k, (f, s) in self._looking.items():
+        for k, (f, s) in self._probes.items():
             if not state.on[k]:
                 forms[k], seconds[k] = f, _at_start(self.causes[k].forms[f], s)
         return replace(state, seconds=tuple(seconds), form=tuple(forms))
@@ -367,7 +367,7 @@ class JointProblem:
         for k in range(E):
             if not self.smooth[k] and not state.on[k]:
                 form = self._form(state, k)
-                size = abs(form.starts[self._looking.get(k, (0, 0))[1]][0] - self.null[k]) if form.starts else np.inf
+                size = abs(form.starts[self._probes.get(k, (0, 0))[1]][0] - self.null[k]) if form.starts else np.inf
                 low[k] = max(low[k], self.null[k] - CAL.beyond_start * size)
                 high[k] = min(high[k], self.null[k] + CAL.beyond_start * size)
         nx, nf = len(seconds), starts + jumps + shifts
@@ -392,10 +392,10 @@ class JointProblem:
         """The state with a cause in one of its forms, not simulated, and probed from the form's first start."""
         if form == state.form[k]:
             return state
-        self._looking[k] = (form, 0)
+        self._probes[k] = (form, 0)
         on = state.on.copy()
         on[k] = False
-        return self._as_looked_at(replace(state, on=on))
+        return self._at_probes(replace(state, on=on))
 
     def forget(self) -> None:
         """Drop kept columns of causes that are not simulated: they were taken about another state."""
@@ -415,7 +415,7 @@ class JointProblem:
         return JointState(x[:nt], m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
 
-def _by(p: Array, axes: Sequence[Axis]) -> Array:
+def _by_coordinates(p: Array, axes: Sequence[Axis]) -> Array:
     """(axes,) derivatives of parameters by their coordinates."""
     return np.array([p[axis.index] if axis.relative else 1.0 for axis in axes])
 

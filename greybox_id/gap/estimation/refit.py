@@ -28,22 +28,22 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
     starts : where they begin.
     settle_on_rows : whether delays of whole rows are tried too.
     """
-    work = [_Work(search, start) for start in starts]
+    work = [_Refit(search, start) for start in starts]
     _walk(search, work, CAL.iterations)
     result = [item.best for item in work if item.best is not None]
     return _on_rows(search, result) if settle_on_rows else result
 
 
-def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
+def _walk(search: Search, work: Sequence[_Refit], steps: int) -> None:
     """Advance hypotheses side by side, by at most `steps` steps each."""
     for item in work:
         item.left = steps
     while active := [item for item in work if item.left > 0 and not item.done]:
-        target = [item.wanted() for item in active]
+        target = [item.vectors() for item in active]
         room = -sum(len(each) for each in target) % CALL if len(search.bench.runs) == 1 else 0
         for k, item in enumerate(active):  # a call that is not full takes as long
-            if item.looks_beside(room):
-                target[k] = item.wanted()
+            if item.differentiates_within(room):
+                target[k] = item.vectors()
                 room -= len(target[k]) - 1
         edges = np.cumsum([0, *(len(each) for each in target)])
         e = search.residuals([p for each in target for p in each])
@@ -62,8 +62,8 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
 
 def with_slopes(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses with derivatives taken at their coordinates, for the sds and spreads of their magnitudes."""
-    work = [_Work(search, replace(search.start_of(item), slopes=None)) for item in hypothesises]
-    target = [item.wanted() for item in work]
+    work = [_Refit(search, replace(search.start_of(item), slopes=None)) for item in hypothesises]
+    target = [item.vectors() for item in work]
     edges = np.cumsum([0, *(len(each) for each in target)])
     e, nothing = search.residuals([p for each in target for p in each]), np.zeros(search.bench.measured.shape)
     new = []
@@ -98,7 +98,7 @@ def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]
     for at, item in enumerate(hypothesises):
         for start in _whole_rows(search, item):
             owners.append(at)
-            work.append(_Work(search, start))
+            work.append(_Refit(search, start))
     _walk(search, work, CAL.glance)
     likely = [
         each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < hypothesises[at].cost
@@ -141,7 +141,7 @@ class _Slopes:
     cross: Array
 
 
-class _Work:
+class _Refit:
     """The refit of one hypothesis, step by step.
 
     A derivative is kept as long as its coordinate moves little and steps gain what was predicted; those by delays, at
@@ -151,7 +151,7 @@ class _Work:
     def __init__(self, search: Search, start: Start) -> None:
         self.search, self.candidates = search, start.candidates
         self.axes = tuple(axis for candidate in start.candidates for axis in candidate.axes)
-        self._own = {axis.index for axis in self.axes}
+        self._candidate_indices = {axis.index for axis in self.axes}
         self._moving = [k for k, axis in enumerate(self.axes) if axis.low < axis.high]
         linear = search.released(np.array(start.linear, dtype=float), self.axes)
         self.at = (np.array(start.m, dtype=float), np.array(start.theta, dtype=float), linear)
@@ -159,14 +159,14 @@ class _Work:
         self._step: Array | None = None
         self._origin: Array | None = None
         self._stride = 1.0
-        self._here: tuple[Array, Array, Array] | None = None
-        self.done, self._share, self._least, self.left = False, 1.0, 0.0, 0
+        self._system: tuple[Array, Array, Array] | None = None
+        self.done, self._share, self._least_gain, self.left = False, 1.0, 0.0, 0
         self._everywhere = any(axis.shift for axis in self.axes)
         self._slopes: _Slopes | None = None
-        self._given = start.slopes
-        self._beside_too, self._renews = True, False
-        self._asked = [k for k in self._moving if self._everywhere or not self._knows(k)]
-        self._gained, self._foretold = np.inf, 0.0
+        self._given_slopes = start.slopes
+        self._differentiates, self._renews = True, False
+        self._due = [k for k in self._moving if self._everywhere or not self._knows(k)]
+        self._gained, self._predicted = np.inf, 0.0
         if start.origin is not None and np.array_equal(linear, start.linear):
             self._begin_at(*start.origin)
 
@@ -180,28 +180,32 @@ class _Work:
 
     def _knows(self, k: int) -> bool:
         """Whether the start came with this derivative."""
-        return self._given is not None and k < self._given.shape[2] and bool(np.any(self._given[:, :, k]))
+        return (
+            self._given_slopes is not None
+            and k < self._given_slopes.shape[2]
+            and bool(np.any(self._given_slopes[:, :, k]))
+        )
 
-    def looks_beside(self, room: int) -> bool:
+    def differentiates_within(self, room: int) -> bool:
         """Whether it takes derivatives at its point although none are due: in at most `room` simulations."""
-        if self._beside_too or not 0 < len(self._moving) <= room:
+        if self._differentiates or not 0 < len(self._moving) <= room:
             return False
-        self._beside_too, self._asked = True, self._moving
+        self._differentiates, self._due = True, self._moving
         return True
 
-    def wanted(self) -> list[Array]:
+    def vectors(self) -> list[Array]:
         """Parameter vectors to simulate: its point, and one beside it for each derivative that is due."""
         m, theta, _ = self.at
         search = self.search
         p = search.placed(search.moved(theta), self.axes, m)
         result = [p]
-        for k in self._asked if self._beside_too else ():
+        for k in self._due if self._differentiates else ():
             beside = m.copy()
-            beside[k] += self._beside(self.axes[k], m[k])
+            beside[k] += self._difference(self.axes[k], m[k])
             result.append(search.placed(p, self.axes, beside))
         return result
 
-    def _beside(self, axis: Axis, at: float) -> float:
+    def _difference(self, axis: Axis, at: float) -> float:
         """Step of a finite difference; that of a delay does not cross a row, where readings jump."""
         if not axis.shift:
             step = max(CAL.beside * axis.scale, CAL.beside * abs(at))
@@ -215,18 +219,18 @@ class _Work:
 
         Parameters
         ----------
-        e : (K, N, channels) residuals of the vectors of `wanted`.
+        e : (K, N, channels) residuals at the `vectors`.
         more : (N, channels) that linear nuisances add.
         """
         m = self.at[0]
-        result = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._beside_too else 0)))
+        result = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._differentiates else 0)))
         result[:, :, 0] = e[0] + more
-        for at, k in enumerate(self._moving if self._beside_too else (), 1):
-            if k in self._asked:
-                result[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
+        for at, k in enumerate(self._moving if self._differentiates else (), 1):
+            if k in self._due:
+                result[:, :, at] = (e[1 + self._due.index(k)] - e[0]) / self._difference(self.axes[k], m[k])
             else:
-                assert self._given is not None
-                result[:, :, at] = self._given[:, :, k]
+                assert self._given_slopes is not None
+                result[:, :, at] = self._given_slopes[:, :, k]
         return result
 
     def take(self, values: Array, white: Array, cross: Array) -> None:
@@ -234,7 +238,7 @@ class _Work:
         slopes = values[:, :, 1:]
         sane = bool(np.all(np.isfinite(slopes)))
         fresh = None
-        if self._beside_too and sane:
+        if self._differentiates and sane:
             value = white[:, 1:].copy()
             gram = value.T @ value  # overflows where the vehicle spins
             if np.all(np.isfinite(gram)):
@@ -250,11 +254,11 @@ class _Work:
             self.left -= 1
             if not self._improves(values[:, :, 0], white[:, 0], sane, fresh):
                 return
-            if self._worn():
+            if self._stale():
                 self._renew()
                 return
-        self._beside_too = self._everywhere
-        self._lead_on(white[:, 0], cross[:, 0])
+        self._differentiates = self._everywhere
+        self._step_on(white[:, 0], cross[:, 0])
 
     def _derivatives(self, shape: tuple[int, ...]) -> Array:
         """(N, channels, axes) derivatives as last taken; zero where none were."""
@@ -266,7 +270,7 @@ class _Work:
         J[:, :, self._moving] = moving
         return J
 
-    def _worn(self) -> bool:
+    def _stale(self) -> bool:
         """Whether derivatives have to be taken anew: coordinates moved too far, or a gain was not as predicted."""
         if not self._moving:
             return False
@@ -280,27 +284,27 @@ class _Work:
         for item, at in parts_of(self.candidates):
             if item.gradual:
                 size[at] = np.maximum(size[at], [axis.scale for axis in item.axes])
-        off = abs(self._gained - self._foretold)
-        return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._foretold
+        off = abs(self._gained - self._predicted)
+        return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._predicted
 
     def _renew(self) -> None:
         """Request derivatives at the best point so far."""
         assert self.best is not None
         self.at = (self.best.m, self.best.theta, self.best.linear)
-        self._beside_too, self._renews, self._asked = True, True, self._moving
+        self._differentiates, self._renews, self._due = True, True, self._moving
 
     def _improves(self, e: Array, r: Array, sane: bool, fresh: _Slopes | None) -> bool:
         """Whether its point is the best so far by enough to go on; else the step is shortened, or the refit ends."""
         search, (m, theta, linear) = self.search, self.at
         off = np.concatenate([theta, linear]) - search.means
-        cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.beliefs(self._own) @ off)
+        cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.prior_precision(self._candidate_indices) @ off)
         if not (np.isfinite(cost) and sane):  # the vehicle spins here
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:
-            self._beside_too = self._everywhere or self._slopes is None
-            known = self._slopes is None or self._here is None or np.array_equal(self._slopes.m, self.best.m)
+            self._differentiates = self._everywhere or self._slopes is None
+            known = self._slopes is None or self._system is None or np.array_equal(self._slopes.m, self.best.m)
             if known or not self._moving:
-                self._back(cost - self.best.cost)
+                self._shorten(cost - self.best.cost)
             else:
                 self._renew()
             return False
@@ -311,11 +315,11 @@ class _Work:
         self._origin, self._slopes = None, fresh or self._slopes
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, e.copy(), self._derivatives(e.shape))
         least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
-        self._least = CAL.expected * least
+        self._least_gain = CAL.expected * least
         self.done = self._gained < least
         return not self.done
 
-    def _lead_on(self, r: Array, pull: Array) -> None:
+    def _step_on(self, r: Array, pull: Array) -> None:
         """Step from the best point so far.
 
         Parameters
@@ -323,7 +327,7 @@ class _Work:
         r, pull : its residuals, whitened, and the nuisances' columns times these.
         """
         search, (_, theta, linear) = self.search, self.at
-        u, precision = np.concatenate([theta, linear]), search.beliefs(self._own)
+        u, precision = np.concatenate([theta, linear]), search.prior_precision(self._candidate_indices)
         count = len(u)
         whole = np.zeros((1 + count + len(self.axes), 1 + count + len(self.axes)))  # residuals before coordinates
         whole[1 : 1 + count, 0] = pull + precision @ (u - search.means)
@@ -336,9 +340,9 @@ class _Work:
         if not np.all(np.isfinite(whole)):  # the vehicle spins beside this point: no step leads on
             self.done = True
             return
-        self._share, self._here = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
-        self._step = self._solve(*self._here)
-        self._go()
+        self._share, self._system = min(3 * self._share, 1.0), (whole[1:, 1:], whole[1:, 0], u)
+        self._step = self._solve(*self._system)
+        self._take_step()
 
     def _solve(self, H: Array, g: Array, u: Array) -> Array:
         """The Gauss-Newton step within the bounds."""
@@ -347,45 +351,45 @@ class _Work:
         stride = self._stride * search.stride
         low = np.concatenate([np.maximum(search.low - u, -stride), [a.low for a in self.axes] - m])
         high = np.concatenate([np.minimum(search.high - u, stride), [a.high for a in self.axes] - m])
-        free = np.append(~search.among(self._own), np.ones(len(m), dtype=bool))
+        free = np.append(~search.among(self._candidate_indices), np.ones(len(m), dtype=bool))
         return least_within(H, g, low, high, free, CAL.ridge)
 
-    def _go(self) -> None:
+    def _take_step(self) -> None:
         """Take the step, shortened as it is by now, unless it is expected to gain next to nothing."""
         assert self.best is not None
         assert self._step is not None
         n, count = len(self.best.theta), len(self.best.theta) + len(self.best.linear)
         step = self._share * self._step
-        if self._here is not None:
-            self._foretold = -float(self._here[1] @ step + 0.5 * step @ self._here[0] @ step)
-            if self._foretold < self._least:
+        if self._system is not None:
+            self._predicted = -float(self._system[1] @ step + 0.5 * step @ self._system[0] @ step)
+            if self._predicted < self._least_gain:
                 self.done = True
                 return
         self.at = (self.best.m + step[count:], self.best.theta + step[:n], self.best.linear + step[n:count])
 
-    def _back(self, rise: float) -> None:
+    def _shorten(self, rise: float) -> None:
         """Shorten the step, after which the cost rose by `rise`.
 
         A step to the start from its origin is given up for the origin once it is short. Elsewhere the coordinates that
         shape tyre curves are bounded more tightly first, and the step is solved for again.
         """
-        if self._here is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
+        if self._system is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
             self._stride = CAL.shy
-            self._step = self._solve(*self._here)
-            self._go()
+            self._step = self._solve(*self._system)
+            self._take_step()
             return
         shorter = self._share / 3
         steps = self._everywhere  # likelihoods of delays jump at rows: no parabola fits
-        if self._here is not None and self._step is not None and np.isfinite(rise) and not steps:
-            slope = -self._share * float(self._here[1] @ self._step)
+        if self._system is not None and self._step is not None and np.isfinite(rise) and not steps:
+            slope = -self._share * float(self._system[1] @ self._step)
             least = slope / (2 * (rise + slope))  # share of it at the parabola's minimum
-            if least >= CAL.shortened and 0.5 * least * slope < self._least:
+            if least >= CAL.shortened and 0.5 * least * slope < self._least_gain:
                 self.done = True
                 return
             shorter = self._share * min(max(least, CAL.shortened), 1 / 3)
         self._share = shorter
         if self._share >= (CAL.short if self._origin is not None else CAL.shortest) and self._step is not None:
-            self._go()
+            self._take_step()
         elif self._origin is not None and self.best is not None:
             self.at, self.best, self._origin = (self._origin, self.best.theta, self.best.linear), None, None
         else:

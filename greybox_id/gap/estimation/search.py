@@ -18,7 +18,7 @@ from ...base.shorthands import Array
 from ...engine.simulation import FreeRuns
 from .axes import Axis
 from .calibration import CAL
-from .form import rough_curves
+from .form import curve_priors
 from .hypothesis import Hypothesis, Start
 from .noise import Whitener, blocks
 from .problem import inverse
@@ -34,7 +34,7 @@ class Search:
     colour : whitens residuals.
     trust : how many independent readings one counts as: less than one where model error outlasts a row, whatever the
         noise.
-    rough : errors of tyre curves over their usual size.
+    error_scale : errors of tyre curves over their usual size.
 
     Attributes
     ----------
@@ -44,10 +44,10 @@ class Search:
     """
 
     def __init__(
-        self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0, rough: float = 1.0
+        self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0, error_scale: float = 1.0
     ) -> None:
         self.bench = bench
-        self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt], rough)
+        self.moving, self._mix = curve_priors([axis for axis in nuisances if not axis.abrupt], error_scale)
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
         sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
@@ -57,7 +57,7 @@ class Search:
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.simulations = 0
         self.colour, self.trust = colour, trust
-        self._by = np.zeros((*bench.measured.shape, len(self.moving)))
+        self._columns = np.zeros((*bench.measured.shape, len(self.moving)))
 
     # ---- linearisation
 
@@ -72,18 +72,20 @@ class Search:
         self._expand(hypothesis)
         p = self.vector(hypothesis) if hypothesis else self.moved(np.array([axis.mean for axis in self.moving]))
         _, J, S = self.bench.linearise(p, [axis.index for axis in self.moving])
-        before, first, count = self._by, len(self.moving), len(self.shifts)
-        self._by = np.empty((*J.shape[:2], first + 2 * count + S.shape[2]))
+        before, first, count = self._columns, len(self.moving), len(self.shifts)
+        self._columns = np.empty((*J.shape[:2], first + 2 * count + S.shape[2]))
         by_coordinate = self._mix * np.array([p[axis.index] if axis.relative else 1.0 for axis in self.moving])[:, None]
-        self._by[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ by_coordinate).reshape(J.shape)
-        self._by[:, :, first + 2 * count :] = S
-        self._secants(p, [delays or not axis.shift for axis in self.shifts], self._by[:, :, first : first + 2 * count])
+        self._columns[:, :, :first] = (J.reshape(self.bench.measured.size, first) @ by_coordinate).reshape(J.shape)
+        self._columns[:, :, first + 2 * count :] = S
+        self._secants(
+            p, [delays or not axis.shift for axis in self.shifts], self._columns[:, :, first : first + 2 * count]
+        )
         for k, axis in enumerate(self.shifts):
             if axis.shift and not delays:
                 same = [first + k, first + count + k]
-                self._by[:, :, same] = before[:, :, same]
-        if not abs(np.sum(self._by)) < CAL.far:  # where the vehicle spins, derivatives overflow
-            np.clip(np.nan_to_num(self._by, copy=False), -CAL.far, CAL.far, out=self._by)
+                self._columns[:, :, same] = before[:, :, same]
+        if not abs(np.sum(self._columns)) < CAL.far:  # where the vehicle spins, derivatives overflow
+            np.clip(np.nan_to_num(self._columns, copy=False), -CAL.far, CAL.far, out=self._columns)
         self._whiten()
 
     @contextmanager
@@ -154,7 +156,7 @@ class Search:
         return result if self.trust == 1.0 else result * np.sqrt(self.trust)
 
     def _whiten(self) -> None:
-        self.white = self.weighed(self._by).reshape(self.bench.measured.size, self._by.shape[2])
+        self.white = self.weighed(self._columns).reshape(self.bench.measured.size, self._columns.shape[2])
         starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in self.shifts), *[CAL.jumps_sd] * count, *starts]
@@ -187,15 +189,15 @@ class Search:
 
     def at_values(self, values: Mapping[str, float]) -> Hypothesis:
         """The same with moving nuisances at these values of their parameters, as far as bounds allow."""
-        believed = self.at_means()
-        means = believed.theta
-        there = [
+        prior_means = self.at_means()
+        means = prior_means.theta
+        coordinates = [
             axis.coordinate(values[axis.name]) if axis.name in values else mean
             for axis, mean in zip(self.moving, means, strict=True)
         ]
         count = len(means)
-        theta = means + np.linalg.solve(self._mix, np.array(there) - means) if count else means
-        return replace(believed, theta=np.clip(theta, self.low[:count], self.high[:count]))
+        theta = means + np.linalg.solve(self._mix, np.array(coordinates) - means) if count else means
+        return replace(prior_means, theta=np.clip(theta, self.low[:count], self.high[:count]))
 
     def values(self, hypothesis: Hypothesis) -> dict[str, float]:
         """Values of the parameters that moving nuisances stand for."""
@@ -233,12 +235,12 @@ class Search:
 
     def first_orders(self, linear: Sequence[Array]) -> Array:
         """(N, channels, K) what K sets of linear nuisances add to simulations."""
-        by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
+        by = self._columns.reshape(self.bench.measured.size, self._columns.shape[2])[:, len(self.moving) :]
         return np.asarray(by @ (np.array(linear) - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
 
     def moved_by(self, step: Array) -> Array:
         """(N, channels) what a step of all nuisances changes, to first order."""
-        by = self._by.reshape(self.bench.measured.size, self._by.shape[2])
+        by = self._columns.reshape(self.bench.measured.size, self._columns.shape[2])
         return np.asarray(by @ step).reshape(self.bench.measured.shape)
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
@@ -248,11 +250,11 @@ class Search:
 
     def tolerated(self, hypothesis: Hypothesis) -> bool:
         """Whether one of its candidates is within its stated tolerance: it is no gap then."""
-        believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
+        nuisances = {axis.index: axis for axis in (*self.moving, *self.shifts)}
         return any(
             abs(item.coordinate(axis.value(float(at))) - item.mean) <= CAL.tolerated_sd * item.sd
             for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
-            for item in [believed.get(axis.index)]
+            for item in [nuisances.get(axis.index)]
             if item is not None
         )
 
@@ -264,7 +266,7 @@ class Search:
     def charge(self, hypothesis: Hypothesis) -> float:
         """Cost of the nuisances, twice their negative log prior; those that are candidates cost nothing."""
         off = np.concatenate([hypothesis.theta, hypothesis.linear]) - self.means
-        return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
+        return float(off @ self.prior_precision({axis.index for axis in hypothesis.axes}) @ off)
 
     def expected_charge(self, hypothesis: Hypothesis) -> float:
         """Expected `charge` if parameters are draws of their priors: how many nuisances the readings determine.
@@ -273,10 +275,10 @@ class Search:
         """
         held = ~self.among({axis.index for axis in hypothesis.axes})
         known, prior = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
-        told = float(np.sum(inverse(known + prior) * known))
-        return float(np.clip(told, 0.0, np.count_nonzero(held)))
+        determined = float(np.sum(inverse(known + prior) * known))
+        return float(np.clip(determined, 0.0, np.count_nonzero(held)))
 
-    def beliefs(self, released: set[int]) -> Array:
+    def prior_precision(self, released: set[int]) -> Array:
         """(n, n) prior precision of the nuisances, zero for those that are candidates: tolerances do not hold these."""
         held = np.where(self.among(released), 0.0, 1.0)
         result: Array = held[:, None] * self.precision * held
@@ -292,7 +294,7 @@ class Search:
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
         """(m, m) covariance of a hypothesis' coordinates with nuisances marginalised, if residuals are noise."""
-        return self._told(hypothesis)[2]
+        return self._informed(hypothesis)[2]
 
     def widening(self, hypothesis: Hypothesis) -> Array:
         """(m,) factors, at least one, by which coordinates scatter more than noise explains.
@@ -300,7 +302,7 @@ class Search:
         Errors of an inexact model stay alike for seconds: the gradients of blocks scatter more than those of noise (a
         sandwich over blocks, after White, Econometrica 50, 1982).
         """
-        W, undone, known = self._told(hypothesis)
+        W, undone, known = self._informed(hypothesis)
         W = W - self.white @ undone  # the part that nuisances cannot cancel
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
@@ -310,7 +312,7 @@ class Search:
         result: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(known), 1e-300), 1.0))
         return result
 
-    def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
+    def _informed(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Whitened derivatives by the coordinates, nuisances' steps that cancel them, the coordinates' covariance."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         value = ~self.among({axis.index for axis in hypothesis.axes})

@@ -89,31 +89,31 @@ class Sets:
 
     Parameters
     ----------
-    squares : normal equations.
+    quadratic : normal equations.
     zone, usual : (causes,) standard deviations of spike and slab.
     odds : (causes,) log-odds against each.
     never : pairs of causes that are forms of one another, and are never both in a set.
     """
 
     def __init__(
-        self, squares: Quadratic, zone: Array, usual: Array, odds: Array, never: Sequence[tuple[int, int]]
+        self, quadratic: Quadratic, zone: Array, usual: Array, odds: Array, never: Sequence[tuple[int, int]]
     ) -> None:
-        about = squares.about
+        about = quadratic.about
         ours = about.cause >= 0
         rest = ~ours
-        H = squares.G[np.ix_(rest, rest)] + np.diag(1 / about.sd[rest] ** 2)
-        g = squares.g + squares.G @ (about.mean - about.at)  # at the means of everything
+        H = quadratic.G[np.ix_(rest, rest)] + np.diag(1 / about.sd[rest] ** 2)
+        g = quadratic.g + quadratic.G @ (about.mean - about.at)  # at the means of everything
         scale = 1 / np.sqrt(np.diag(H))
         factor = np.linalg.cholesky(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
-        cross = scale[:, None] * squares.G[np.ix_(rest, ours)]
+        cross = scale[:, None] * quadratic.G[np.ix_(rest, ours)]
         both = np.linalg.solve(factor, np.column_stack([cross, scale * g[rest]]))
         C, d = both[:, :-1], both[:, -1]
-        self.S = squares.G[np.ix_(ours, ours)] - C.T @ C
+        self.S = quadratic.G[np.ix_(ours, ours)] - C.T @ C
         self.b = g[ours] - C.T @ d
-        self.raw = np.diag(squares.G)[ours]
+        self.raw = np.diag(quadratic.G)[ours]
         self.cause, self.main, self.sd = about.cause[ours], about.main[ours], about.sd[ours]
         self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
-        at_means = 0.5 * self._at_means(squares)
+        at_means = 0.5 * self._at_means(quadratic)
         self.left = at_means - 0.5 * float(d @ d)
         if not self.left > CAL.rounding * at_means:  # only rounding is left where the vehicle spins
             self.left = np.inf
@@ -122,94 +122,94 @@ class Sets:
         self.spike = zone**2
         self.slab = np.maximum(usual**2, 9 * self.spike)
         self.odds, self.never = odds, tuple(never)
-        self._known = dict[bytes, tuple[float, float]]()
+        self._cache = dict[bytes, tuple[float, float]]()
 
     def reaching(self, low: Array, high: Array) -> Sets:
         """The same scores with these bounds of magnitudes, (causes,) each."""
         other = copy(self)
-        other.low, other.high, other._known = self.low.copy(), self.high.copy(), {}
+        other.low, other.high, other._cache = self.low.copy(), self.high.copy(), {}
         other.low[self.main], other.high[self.main] = low, high
         return other
 
     @staticmethod
-    def _at_means(squares: Quadratic) -> float:
-        off = squares.about.mean - squares.about.at
-        return squares.rr + 2 * float(squares.g @ off) + float(off @ squares.G @ off)
+    def _at_means(quadratic: Quadratic) -> float:
+        off = quadratic.about.mean - quadratic.about.at
+        return quadratic.rr + 2 * float(quadratic.g @ off) + float(off @ quadratic.G @ off)
 
-    def _precision(self, on: Mask) -> Array:
-        prec = np.where(on[self.cause], 1 / self.sd**2, 1e12 / self.sd.clip(1e-12) ** 2)
-        prec[self.main] = 1 / np.where(on, self.slab, self.spike)
+    def _precision(self, included: Mask) -> Array:
+        prec = np.where(included[self.cause], 1 / self.sd**2, 1e12 / self.sd.clip(1e-12) ** 2)
+        prec[self.main] = 1 / np.where(included, self.slab, self.spike)
         return np.asarray(prec)
 
-    def score(self, on: Mask) -> float:
+    def score(self, included: Mask) -> float:
         """Log evidence and log prior odds of a set, (causes,)."""
-        return self._both(on)[0]
+        return self._score_and_fit(included)[0]
 
-    def cost(self, on: Mask) -> float:
+    def cost(self, included: Mask) -> float:
         """Half the squares of residuals and prior that a set leaves, all else at its best within its bounds."""
-        fit = self._both(on)[1]
-        if fit == NEVER and not self._excluded(on):
-            fit = self._within_bounds(on)
+        fit = self._score_and_fit(included)[1]
+        if fit == NEVER and not self._excluded(included):
+            fit = self._within_bounds(included)
         return self.left - fit
 
-    def _within_bounds(self, on: Mask) -> float:
+    def _within_bounds(self, included: Mask) -> float:
         """By how much a set lowers this cost with no coordinate beyond its bounds."""
-        H, free = self.S + np.diag(self._precision(on)), np.ones(len(self.b), dtype=bool)
+        H, free = self.S + np.diag(self._precision(included)), np.ones(len(self.b), dtype=bool)
         low, high = np.minimum(self.low - self.mean, 0.0), np.maximum(self.high - self.mean, 0.0)
         off = least_within(H, self.b, low, high, free)
         fit = -float(self.b @ off + 0.5 * off @ H @ off)
         return fit if 0.0 <= fit <= self.left else NEVER  # only rounding is left where the vehicle spins
 
-    def _excluded(self, on: Mask) -> bool:
-        return any(on[a] and on[b] for a, b in self.never)
+    def _excluded(self, included: Mask) -> bool:
+        return any(included[a] and included[b] for a, b in self.never)
 
-    def _both(self, on: Mask) -> tuple[float, float]:
-        key = on.tobytes()
-        if key not in self._known:
-            self._known[key] = self._scored(on)
-        return self._known[key]
+    def _score_and_fit(self, included: Mask) -> tuple[float, float]:
+        key = included.tobytes()
+        if key not in self._cache:
+            self._cache[key] = self._scored(included)
+        return self._cache[key]
 
-    def _scored(self, on: Mask) -> tuple[float, float]:
-        if self._excluded(on):
+    def _scored(self, included: Mask) -> tuple[float, float]:
+        if self._excluded(included):
             return NEVER, NEVER
-        prec = self._precision(on)
+        prec = self._precision(included)
         by = 1 / np.sqrt(prec)
         L, failed = lapack.dpotrf(self.S * np.outer(by, by) + np.eye(len(by)), lower=1, overwrite_a=1)
         if failed:
             return NEVER, NEVER
         y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
         x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
-        there = self.mean - by * x
-        value = self.main & on[self.cause]
+        magnitudes = self.mean - by * x
+        value = self.main & included[self.cause]
         size = 1e-6 * np.sqrt(self.slab[self.cause[value]])
-        if np.any(there[value] < self.low[value] - size) or np.any(there[value] > self.high[value] + size):
+        if np.any(magnitudes[value] < self.low[value] - size) or np.any(magnitudes[value] > self.high[value] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
         if not fit <= self.left:  # only rounding is left where the vehicle spins
             return NEVER, NEVER
-        return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
+        return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[included])), fit
 
-    def beyond(self, on: Mask) -> Mask:
+    def beyond(self, included: Mask) -> Mask:
         """(causes,) whether a cause is in the set and its best magnitude lies beyond its bounds."""
-        there = self.sizes(on)[0]
+        magnitudes = self.sizes(included)[0]
         size = 1e-6 * np.sqrt(self.slab)
-        return on & ((there < self.low[self.main] - size) | (there > self.high[self.main] + size))
+        return included & ((magnitudes < self.low[self.main] - size) | (magnitudes > self.high[self.main] + size))
 
-    def sizes(self, on: Mask) -> tuple[Array, Array]:
+    def sizes(self, included: Mask) -> tuple[Array, Array]:
         """(causes,) magnitudes and their sds given a set; sds are infinite where only rounding is left."""
-        covariance = inverse(self.S + np.diag(self._precision(on)))
+        covariance = inverse(self.S + np.diag(self._precision(included)))
         variance = np.diag(covariance)[self.main]
         return (self.mean - covariance @ self.b)[self.main], np.sqrt(np.where(variance > 0, variance, np.inf))
 
-    def climbed(self, on: Mask) -> Mask:
+    def climbed(self, included: Mask) -> Mask:
         """The best set that single additions, deletions and exchanges lead to."""
-        best, score = on.copy(), self.score(on)
+        best, score = included.copy(), self.score(included)
         if not np.isfinite(score):
-            best = np.zeros_like(on)
+            best = np.zeros_like(included)
             score = self.score(best)
         while True:
             tried = list[Mask]()
-            for k in range(len(on)):
+            for k in range(len(included)):
                 other = best.copy()
                 other[k] = not best[k]
                 tried.append(other)

@@ -34,32 +34,33 @@ class DampedSteps:
         self._usual, self._longest = usual, stride * usual
 
     def taken(
-        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
+        self, state: JointState, quadratic: Quadratic, variance: Array, whitener: Whitener, included: Mask | None = None
     ) -> tuple[JointState, float]:
         """The state after a step, and its length in standard deviations and usual sizes, largest over coordinates.
 
         Parameters
         ----------
-        squares : normal equations about the state.
+        quadratic : normal equations about the state.
         variance : (causes,) prior variances of magnitudes.
-        there : the inclusion mask, where it is given; else causes that the step makes large enough to be simulated, and
-            those that still are.
+        included : the inclusion mask, where it is given; else causes that the step makes large enough to be simulated,
+            and those that still are.
         """
-        problem, linear, known = self.problem, squares.about, there is not None
+        problem, linear, known = self.problem, quadratic.about, included is not None
         stride = self._strides(linear)
-        if there is None:
+        if included is None:
             within = np.maximum(linear.low - linear.at, -stride), np.minimum(linear.high - linear.at, stride)
-            off = np.abs(squares.best(variance, within) - linear.mean)[linear.main]
-            there = (off > self.switched_at) & (variance > 4 * problem.zone**2)
-            there |= state.on & (np.abs(state.m - problem.null) > self.switched_at)
-        on = there & ~problem.smooth
+            off = np.abs(quadratic.best(variance, within) - linear.mean)[linear.main]
+            included = (off > self.switched_at) & (variance > 4 * problem.zone**2)
+            included |= state.on & (np.abs(state.m - problem.null) > self.switched_at)
+        on = included & ~problem.smooth
         back = replace(state, on=state.on & on) if np.any(state.on & ~on & ~problem.smooth) else state
         new, least = back, np.inf
         for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to converge first
-            first = FirstOrder(squares, squares.precision(variance), self.switched_at, goes & ~state.on)
+            first = FirstOrder(quadratic, quadratic.precision(variance), self.switched_at, goes & ~state.on)
             within = np.maximum(first.low, -stride), np.minimum(first.high, stride)
             ahead = [
-                problem.moved(back, squares.best(variance, within, damping), goes) for damping in self._dampings(linear)
+                problem.moved(back, quadratic.best(variance, within, damping), goes)
+                for damping in self._dampings(linear)
             ]
             here, *values = self._objectives([back, *ahead], first, whitener, variance)
             best = int(np.argmin(values))
@@ -90,10 +91,10 @@ class DampedSteps:
         """Half of the squares of residuals and of the prior that each state leaves."""
         residuals = self.problem.residuals([self.problem.vector(state) for state in states])
         result = [np.inf] * len(states)
-        if there := [k for k, e in enumerate(residuals) if np.all(np.isfinite(e))]:
-            white = whitener.white(np.moveaxis(residuals[there], 0, -1))
-            left = first.left(white.reshape(-1, len(there)))
-            for k, value in zip(there, left, strict=True):
+        if finite := [k for k, e in enumerate(residuals) if np.all(np.isfinite(e))]:
+            white = whitener.white(np.moveaxis(residuals[finite], 0, -1))
+            left = first.left(white.reshape(-1, len(finite)))
+            for k, value in zip(finite, left, strict=True):
                 result[k] = self._objective(states[k], float(value), variance)
         return result
 

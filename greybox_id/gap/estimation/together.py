@@ -17,8 +17,17 @@ import numpy as np
 from ...base.shorthands import Array, Mask
 from .bench import Bench
 from .calibration import CAL
-from .constancy import steadily
-from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
+from .constancy import discounted
+from .model_error import (
+    AmplitudePrior,
+    Amplitudes,
+    ForceSizes,
+    Linearised,
+    ModelError,
+    estimated,
+    linearised,
+    model_error,
+)
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState
 from .sparse import Quadratic, Sets
@@ -31,32 +40,32 @@ class JointStage:
 
     Attributes
     ----------
-    rough : model error over its usual size.
+    error_scale : model error over its usual size.
     state : coordinates.
-    there : (causes,) inclusion mask.
+    included : (causes,) inclusion mask.
     whitener : of this model error.
-    squares : normal equations about the state.
+    quadratic : normal equations about the state.
     sets : scores of inclusion masks about the state.
-    form : log prior density of the model error, less the sum of the logarithms of its innovations' sds.
+    error_evidence : log prior density of the model error, less the sum of the logarithms of its innovations' sds.
     """
 
-    rough: float
+    error_scale: float
     state: JointState
-    there: Mask
+    included: Mask
     whitener: Whitener
-    squares: Quadratic
+    quadratic: Quadratic
     sets: Sets
-    form: float
+    error_evidence: float
 
     @property
-    def explains(self) -> float:
+    def cause_evidence(self) -> float:
         """Log evidence of its causes, given its model error."""
-        return self.sets.base + self.sets.score(self.there)
+        return self.sets.base + self.sets.score(self.included)
 
     @property
     def evidence(self) -> float:
         """Log marginal likelihood with priors of model error and causes; -inf where simulations diverge."""
-        value = self.form + self.explains
+        value = self.error_evidence + self.cause_evidence
         return value if np.isfinite(value) else -np.inf
 
 
@@ -70,7 +79,7 @@ class JointWhitening:
     trust : how many independent readings one counts as.
     """
 
-    def __init__(self, problem: JointProblem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
+    def __init__(self, problem: JointProblem, sd: Array, prior: AmplitudePrior, forces: bool, trust: float) -> None:
         self.problem, self.sd, self.prior, self.trust = problem, sd, prior, trust
         self._bench = problem.bench if forces and isinstance(problem.bench, Bench) else None
         self._sizes = ForceSizes(self._bench) if self._bench is not None else None
@@ -81,11 +90,11 @@ class JointWhitening:
             return None
         return linearised(self._bench, p, self.sd, self._sizes)
 
-    def usual(self, about: Linearised | None, rough: float) -> Whitener:
-        """Whitening by model error `rough` times its usual size."""
+    def usual(self, about: Linearised | None, error_scale: float) -> Whitener:
+        """Whitening by model error `error_scale` times its usual size."""
         if about is None:
-            return white_noise(self.sd * rough / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
-        return model_error(about, scaled(self.prior.median, rough), self.problem.good)
+            return white_noise(self.sd * error_scale / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
+        return model_error(about, scaled(self.prior.median, error_scale), self.problem.good)
 
     def left(self, about: Linearised | None, e: Array, least: bool = True) -> Whitener:
         """Whitening by the model error that residuals `e` show.
@@ -142,23 +151,23 @@ class JointSearch:
     def annealed(self) -> list[JointStage]:
         """The stage of each scale of model error, largest first."""
         problem, result = self.problem, list[JointStage]()
-        problem.roughly(1.0)
+        problem.set_error_scale(1.0)
         problem.forget()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
         steps_of = CAL.steps_of_rough_stage if len(problem.tolerances) else CAL.steps_of_stage
-        for rough, steps in zip(CAL.stages, steps_of, strict=True):
-            moved = problem.roughly(rough, state)
+        for error_scale, steps in zip(CAL.stages, steps_of, strict=True):
+            moved = problem.set_error_scale(error_scale, state)
             assert moved is not None
             state = moved
-            whitener = self.whitening.usual(self.whitening.about(problem.vector(state)), rough)
+            whitener = self.whitening.usual(self.whitening.about(problem.vector(state)), error_scale)
             variance = np.maximum(variance, (0.3 * problem.usual) ** 2)  # what was switched off before may come back
             for step in range(steps):
-                state, squares = self._linear(state, whitener, step == 0, variance)
-                variance = squares.switched(variance, problem.zone, problem.usual)
-                state, went = self._stepped(state, squares, variance, whitener)
+                state, quadratic = self._linear(state, whitener, step == 0, variance)
+                variance = quadratic.switched(variance, problem.zone, problem.usual)
+                state, went = self._stepped(state, quadratic, variance, whitener)
                 if went < CAL.still and step > 0:
                     break
-            result.append(self.settled(state, rough, variance, whitener))
+            result.append(self.settled(state, error_scale, variance, whitener))
         return result
 
     def explained(self, best: JointStage) -> JointStage:
@@ -169,19 +178,19 @@ class JointSearch:
         larger than usual, the stage without any cause, from the prior means, is tried too.
         """
         for _ in range(CAL.as_rough_again):
-            rough = self._as_rough(best)
-            if max(rough / best.rough, best.rough / rough) < CAL.as_rough:
+            error_scale = self._shown_error_scale(best)
+            if max(error_scale / best.error_scale, best.error_scale / error_scale) < CAL.as_rough:
                 break
-            self.problem.roughly(best.rough)
-            result = [self._settled_as(best.state, best.there, rough)]
-            if rough > CAL.much_rougher:
-                self.problem.roughly(1.0)
-                result.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
+            self.problem.set_error_scale(best.error_scale)
+            result = [self._settled_at(best.state, best.included, error_scale)]
+            if error_scale > CAL.much_rougher:
+                self.problem.set_error_scale(1.0)
+                result.append(self._settled_at(self.problem.begin(), np.zeros_like(best.included), error_scale))
             again = max(result, key=lambda item: item.evidence)
             if not np.isfinite(again.evidence):  # with such form errors, tyre curves overflow
                 break
             best = again
-        self.problem.roughly(best.rough)
+        self.problem.set_error_scale(best.error_scale)
         return best
 
     def exchanged(self, stage: JointStage) -> JointStage:
@@ -191,36 +200,38 @@ class JointSearch:
         all else was still unfitted. The others are therefore refitted in its place.
         """
         better = stage
-        for k in (int(abrupt) for abrupt in np.flatnonzero(stage.there & ~self.problem.smooth)):
-            if not better.there[k]:
+        for k in (int(abrupt) for abrupt in np.flatnonzero(stage.included & ~self.problem.smooth)):
+            if not better.included[k]:
                 continue
-            for j, form in self._mates(better, k):
-                swap = better.there.copy()
+            for j, form in self._substitutes(better, k):
+                swap = better.included.copy()
                 swap[k], swap[j] = False, True
                 formed = replace(better, state=self.problem.formed(better.state, j, form))
                 tried = self.refitted(formed, swap, CAL.exchange_steps, trial=True)
-                if tried.explains > better.explains:  # given the same model error
+                if tried.cause_evidence > better.cause_evidence:  # given the same model error
                     better, k = tried, j
         if better is stage:
             return stage
         self.problem.forget()
-        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
+        return self.settled(
+            better.state, better.error_scale, self.variance(better.included), rounds=2, included=better.included
+        )
 
-    def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
+    def _substitutes(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
         """(cause, form) pairs to replace cause k: its other forms, then causes with similar columns, nearest first."""
         causes, like = self.problem.causes, self._alike(stage)[k]
-        others = [int(j) for j in np.flatnonzero(~stage.there & (like > CAL.acts_alike))]
+        others = [int(j) for j in np.flatnonzero(~stage.included & (like > CAL.acts_alike))]
         others = sorted(others, key=lambda j: -like[j])[: CAL.exchanged]
         itself = [(k, form) for form in range(len(causes[k].forms)) if form != stage.state.form[k]]
         return [*itself, *((j, form) for j in others for form in range(len(causes[j].forms)))]
 
-    def _settled_as(self, state: JointState, there: Mask, rough: float) -> JointStage:
+    def _settled_at(self, state: JointState, included: Mask, error_scale: float) -> JointStage:
         """A stage settled at another scale of model error."""
-        moved = self.problem.roughly(rough, state)
+        moved = self.problem.set_error_scale(error_scale, state)
         self.problem.forget()
-        return self.settled(moved or state, rough, self.variance(there), rounds=CAL.rounds_as_rough)
+        return self.settled(moved or state, error_scale, self.variance(included), rounds=CAL.rounds_as_rough)
 
-    def _as_rough(self, stage: JointStage) -> float:
+    def _shown_error_scale(self, stage: JointStage) -> float:
         """Unknown forces over their usual size, at least one."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
@@ -243,69 +254,69 @@ class JointSearch:
         -------
         stage, gains : the stage, and what each of its causes gains, (causes,) zero for those not included.
         """
-        looked, together = np.zeros(len(stage.there), dtype=bool), set[tuple[int, int]]()
-        if np.any(stage.there):  # by as many steps as the stages without one of its causes
-            stage = self.refitted(stage, stage.there, CAL.exchange_steps)
+        dismissed, together = np.zeros(len(stage.included), dtype=bool), set[tuple[int, int]]()
+        if np.any(stage.included):  # by as many steps as the stages without one of its causes
+            stage = self.refitted(stage, stage.included, CAL.exchange_steps)
         while True:
-            beyond = stage.sets.beyond(stage.there)
+            beyond = stage.sets.beyond(stage.included)
             if np.any(beyond):  # a step overshot, or no magnitude within the bounds fits
-                stage = self.refitted(stage, stage.there, CAL.exchange_steps)
-                beyond = stage.sets.beyond(stage.there)
+                stage = self.refitted(stage, stage.included, CAL.exchange_steps)
+                beyond = stage.sets.beyond(stage.included)
             gains = np.where(beyond, 0.0, gains) if np.any(beyond) else self._gains(stage, prices, unsteady, gains)
-            steady = steadily(gains, unsteady)
-            weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.there & ~(steady >= prices)))
+            steady = discounted(gains, unsteady)
+            weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.included & ~(steady >= prices)))
             if not weak:
-                again = self.refitted(stage, stage.there, CAL.exchange_steps)
-                if again.sets.cost(again.there) < stage.sets.cost(stage.there) - CAL.enough:  # not converged yet
+                again = self.refitted(stage, stage.included, CAL.exchange_steps)
+                if again.sets.cost(again.included) < stage.sets.cost(stage.included) - CAL.enough:  # not converged yet
                     stage = again
                     continue
                 without = self._without_both(stage, prices, together)
                 if without is not None:
                     stage = without
                     continue
-                better = self._with_another(stage, prices, unsteady, looked)
+                better = self._with_another(stage, prices, unsteady, dismissed)
                 if better is None:
                     return stage, gains
                 stage = better
                 continue
-            looked[weak] = True
+            dismissed[weak] = True
             weak.sort(key=lambda k: steady[k] - prices[k])
-            there = stage.there.copy()
-            there[weak[: -(-len(weak) // 2)]] = False  # half of them at once
-            stage = self.refitted(stage, there, CAL.exchange_steps)
+            included = stage.included.copy()
+            included[weak[: -(-len(weak) // 2)]] = False  # half of them at once
+            stage = self.refitted(stage, included, CAL.exchange_steps)
 
     def _gains(self, stage: JointStage, prices: Array, unsteady: Array, before: Array) -> Array:
         """What each cause of a stage gains beside the others.
 
         Gains far above the required ones are computed last, and not at all where other causes will be dropped anyway.
         """
-        gains = np.where(stage.there, before, 0.0)
-        far = steadily(gains, unsteady) >= CAL.doubted * prices
-        for due in (stage.there & ~far, stage.there & far):
+        gains = np.where(stage.included, before, 0.0)
+        far = discounted(gains, unsteady) >= CAL.doubted * prices
+        for due in (stage.included & ~far, stage.included & far):
             for k in np.flatnonzero(due):
                 gains[k] = self._gained(stage, int(k), prices[k])
-            if np.any(stage.there & ~(steadily(gains, unsteady) >= prices)):
+            if np.any(stage.included & ~(discounted(gains, unsteady) >= prices)):
                 break
         return gains
 
-    def _without_both(self, stage: JointStage, prices: Array, looked: set[tuple[int, int]]) -> JointStage | None:
+    def _without_both(self, stage: JointStage, prices: Array, dismissed: set[tuple[int, int]]) -> JointStage | None:
         """The stage without two causes that cancel each other and gain too little together; each pair is tried once.
 
         Each seems needed beside the other: one raises grip, the other one takes it away.
         """
-        like, there = self._alike(stage), np.flatnonzero(stage.there)
+        like, included = self._alike(stage), np.flatnonzero(stage.included)
         gradual = [cause.gradual for cause in self.problem.causes]
-        for a, b in ((int(a), int(b)) for a in there for b in there if a < b and like[a, b] > CAL.acts_alike):
-            if (a, b) in looked:
+        for a, b in ((int(a), int(b)) for a in included for b in included if a < b and like[a, b] > CAL.acts_alike):
+            if (a, b) in dismissed:
                 continue
-            rest, price = stage.there.copy(), prices[a] + prices[b]
+            rest, price = stage.included.copy(), prices[a] + prices[b]
             rest[[a, b]] = False
-            gain = stage.sets.cost(rest) - stage.sets.cost(stage.there)
+            gain = stage.sets.cost(rest) - stage.sets.cost(stage.included)
             if gradual[a] and gradual[b] and gain > CAL.doubted * price:  # as for a single cause, see `_gained`
                 continue
-            looked.add((a, b))
+            dismissed.add((a, b))
             without = self.refitted(stage, rest, CAL.exchange_steps, trial=True)
-            if without.sets.cost(rest) - stage.sets.cost(stage.there) < price:
+            if without.sets.cost(rest) - stage.sets.cost(stage.included) < price:
                 return self.refitted(without, rest, 1)
         return None
 
@@ -316,101 +327,103 @@ class JointSearch:
         size = np.sqrt(np.maximum(np.diag(S), 1e-300))
         return np.asarray(np.abs(S) / np.outer(size, size))
 
-    def _with_another(self, stage: JointStage, prices: Array, unsteady: Array, looked: Mask) -> JointStage | None:
-        """The stage with one more cause that gains enough once all is refitted; `looked` ones are not tried again."""
-        while (new := self._worth_adding(stage, prices, looked)) is not None:
-            looked[new] = True
-            there, gains = stage.there.copy(), np.zeros(len(looked))
-            there[new] = True
-            tried = self.refitted(stage, there, trial=True)
-            if tried.sets.beyond(there)[new]:  # a step overshot, or no magnitude within the bounds fits
-                tried = self.refitted(tried, there, CAL.exchange_steps, trial=True)
-            if not tried.sets.beyond(there)[new]:
+    def _with_another(self, stage: JointStage, prices: Array, unsteady: Array, dismissed: Mask) -> JointStage | None:
+        """The stage with one more cause that gains enough once all is refitted, none of those `dismissed`."""
+        while (new := self._worth_adding(stage, prices, dismissed)) is not None:
+            dismissed[new] = True
+            included, gains = stage.included.copy(), np.zeros(len(dismissed))
+            included[new] = True
+            tried = self.refitted(stage, included, trial=True)
+            if tried.sets.beyond(included)[new]:  # a step overshot, or no magnitude within the bounds fits
+                tried = self.refitted(tried, included, CAL.exchange_steps, trial=True)
+            if not tried.sets.beyond(included)[new]:
                 gains[new] = self._gained(tried, new, prices[new])
-            if steadily(gains, unsteady)[new] >= prices[new]:
-                return self.refitted(tried, there, 1)
+            if discounted(gains, unsteady)[new] >= prices[new]:
+                return self.refitted(tried, included, 1)
         return None
 
-    def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
-        """The cause that gains most beside a stage's, to first order, if that is enough; `looked` ones are left out.
+    def _worth_adding(self, stage: JointStage, prices: Array, dismissed: Mask) -> int | None:
+        """The cause that gains most beside a stage's, to first order, if that is enough; `dismissed` ones are left out.
 
         Its magnitude may go to its bounds: a refit corrects what the secant does not hold for.
         """
         sets = stage.sets.reaching(self.problem.low, self.problem.high)
-        here, best, most = sets.cost(stage.there), None, 0.0
-        for k in np.flatnonzero(~stage.there & ~looked):
-            there = stage.there.copy()
-            there[k] = True
-            worth = here - sets.cost(there) - prices[k]
-            if worth > most and sets.score(there) > sets.score(stage.there):
+        here, best, most = sets.cost(stage.included), None, 0.0
+        for k in np.flatnonzero(~stage.included & ~dismissed):
+            included = stage.included.copy()
+            included[k] = True
+            worth = here - sets.cost(included) - prices[k]
+            if worth > most and sets.score(included) > sets.score(stage.included):
                 best, most = int(k), worth
         return best
 
     def _gained(self, stage: JointStage, k: int, price: float) -> float:
         """Log-likelihood that a cause gains beside the others of a stage."""
-        problem, there = self.problem, stage.there.copy()
+        problem, included = self.problem, stage.included.copy()
         at_null = abs(stage.state.m[k] - problem.null[k]) < CAL.next_to_nothing * problem.usual[k]
         if at_null and not problem.smooth[k]:
             return 0.0  # simulated with no effect
-        there[k] = False
-        gain = stage.sets.cost(there) - stage.sets.cost(stage.there)
+        included[k] = False
+        gain = stage.sets.cost(included) - stage.sets.cost(stage.included)
         gradual = problem.causes[k].gradual
         if gradual and not price <= gain < CAL.doubted * price:
             return gain
-        without = self.refitted(stage, there, trial=True)
-        simulated = without.sets.cost(there) - stage.sets.cost(stage.there)
+        without = self.refitted(stage, included, trial=True)
+        simulated = without.sets.cost(included) - stage.sets.cost(stage.included)
         return min(gain, simulated) if gradual else simulated  # first order says little about abrupt ones
 
-    def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits, trial: bool = False) -> JointStage:
+    def refitted(self, stage: JointStage, included: Mask, steps: int = CAL.refits, trial: bool = False) -> JointStage:
         """A stage with another set of causes, everything refitted in the same model error.
 
         On trial, abrupt causes that are not included keep their last columns: they stay within their zones.
         """
-        state, squares, variance = stage.state, stage.squares, self.variance(there)
+        state, quadratic, variance = stage.state, stage.quadratic, self.variance(included)
         if not trial:
             self.problem.forget()
         while steps > 0:
-            about_it = not np.any(state.on & ~there & ~self.problem.smooth)  # else once more, without causes that left
-            state, went = self._stepped(state, squares, variance, stage.whitener, there, trial)
-            state, squares = self._linear(state, stage.whitener, False, variance)
+            about_it = not np.any(
+                state.on & ~included & ~self.problem.smooth
+            )  # else once more, without causes that left
+            state, went = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
+            state, quadratic = self._linear(state, stage.whitener, False, variance)
             steps -= about_it
             if about_it and went < CAL.still:
                 break
-        return replace(stage, state=state, there=there, squares=squares, sets=self._sets(squares))
+        return replace(stage, state=state, included=included, quadratic=quadratic, sets=self._sets(quadratic))
 
     def settled(
         self,
         state: JointState,
-        rough: float,
+        error_scale: float,
         variance: Array,
         whitener: Whitener | None = None,
         rounds: int = 1,
-        there: Mask | None = None,
+        included: Mask | None = None,
     ) -> JointStage:
         """A stage with its best set of causes, all refitted with it, in the model error that its residuals show.
 
         Parameters
         ----------
-        state, rough, variance : coordinates, scale of model error, prior variances of magnitudes.
+        state, error_scale, variance : coordinates, scale of model error, prior variances of magnitudes.
         whitener : of the first round; None: of the model error that residuals at the state show.
         rounds : of refits at most.
-        there : the inclusion mask, where it is given.
+        included : the inclusion mask, where it is given.
         """
-        known = there is not None
-        if there is None:
-            there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
+        known = included is not None
+        if included is None:
+            included = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
         best: JointStage | None = None
         for step in range(rounds + 1):
             by = whitener if whitener is not None and step < rounds else self._of_what_is_left(state)
-            state, squares = self._linear(state, by, False, self.variance(there))
-            sets = self._sets(squares)
-            there = there if known else sets.climbed(there)
-            stage = JointStage(rough, state, there, by, squares, sets, self._of_whitener(by, rough))
+            state, quadratic = self._linear(state, by, False, self.variance(included))
+            sets = self._sets(quadratic)
+            included = included if known else sets.climbed(included)
+            stage = JointStage(error_scale, state, included, by, quadratic, sets, self._of_whitener(by, error_scale))
             if by is not whitener and (best is None or not stage.evidence < best.evidence):
                 best = stage
             if step == rounds:
                 break
-            state, went = self._stepped(state, squares, self.variance(there), by, there)
+            state, went = self._stepped(state, quadratic, self.variance(included), by, included)
             if went < CAL.still and by is not whitener:
                 break
         assert best is not None
@@ -421,32 +434,32 @@ class JointSearch:
         (e,) = self.problem.residuals([p])
         return self.whitening.left(self.whitening.about(p), e)
 
-    def _of_whitener(self, whitener: Whitener, rough: float) -> float:
-        form = -0.5 * float(np.log(rough) / CAL.rough_sd) ** 2
+    def _of_whitener(self, whitener: Whitener, error_scale: float) -> float:
+        form = -0.5 * float(np.log(error_scale) / CAL.rough_sd) ** 2
         if not isinstance(whitener, ModelError):
             return form
         prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))
         return form - prior - float(np.sum(np.log(whitener.size)))
 
-    def variance(self, there: Mask) -> Array:
+    def variance(self, included: Mask) -> Array:
         """(causes,) prior variances of magnitudes: of the slab for causes in the set, else of the spike."""
         spike = self.problem.zone**2
-        return np.where(there, np.maximum(self.problem.usual**2, 9 * spike), spike)
+        return np.where(included, np.maximum(self.problem.usual**2, 9 * spike), spike)
 
-    def _sets(self, squares: Quadratic) -> Sets:
-        return Sets(squares, self.problem.zone, self.problem.usual, self.odds, self.never)
+    def _sets(self, quadratic: Quadratic) -> Sets:
+        return Sets(quadratic, self.problem.zone, self.problem.usual, self.odds, self.never)
 
     def _linear(
-        self, state: JointState, whitener: Whitener, look: bool, variance: Array
+        self, state: JointState, whitener: Whitener, probe: bool, variance: Array
     ) -> tuple[JointState, Quadratic]:
-        state, linear = self.problem.linearise(state, whitener, look, 1 / variance)
+        state, linear = self.problem.linearise(state, whitener, probe, 1 / variance)
         return state, Quadratic.of(linear)
 
     def _stepped(
-        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None,
-        trial: bool = False,
+        self, state: JointState, quadratic: Quadratic, variance: Array, whitener: Whitener,
+        included: Mask | None = None, trial: bool = False,
     ) -> tuple[JointState, float]:  # fmt: skip
-        state, went = self.steps.taken(state, squares, variance, whitener, there)
+        state, went = self.steps.taken(state, quadratic, variance, whitener, included)
         if went > CAL.moved_on and not trial:
             self.problem.forget()
         return state, went

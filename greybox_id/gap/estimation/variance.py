@@ -122,7 +122,7 @@ def jitter(
         return None
     rates, use = steady(bench, y, sd, good)
     a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
-    brief, z = (np.where(use, item, 0.0) for item in (_brief(z, good, bench.rows), z))
+    brief, z = (np.where(use, item, 0.0) for item in (_less_neighbours(z, good, bench.rows), z))
     h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
 
     def squares(v: float, of: Array) -> Array:
@@ -152,13 +152,13 @@ def jitter(
     best = minimize_scalar(loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
     gains = losses(0.0) - losses(float(np.exp(best.x)))
     gain = float(np.sum(np.minimum(gains, CAL.row_gain)))
-    if _at_odds(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
+    if _gain_of_separate_jitters(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
         gain = 0.0
-    if _carries_on(a, brief, float(np.exp(best.x)), bench.rows) > CAL.surely:
+    if _correlation_of_rows(a, brief, float(np.exp(best.x)), bench.rows) > CAL.surely:
         gain = 0.0
     tossed = 0.0
     if jumps is not None:
-        tossed = coin(np.where(good, jumps / sd, 0.0), _brief(np.where(good, e / sd, 0.0), good, bench.rows))
+        tossed = coin(np.where(good, jumps / sd, 0.0), _less_neighbours(np.where(good, e / sd, 0.0), good, bench.rows))
     if gain + tossed <= 0:
         return None
     at, step = float(best.x), 0.05
@@ -173,7 +173,7 @@ def jitter(
     return Scatter(tau, spread, max(gain, 0.0) + tossed, max(left(variance, z) - explained, 0.0))
 
 
-def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
+def _gain_of_separate_jitters(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
     """Log-likelihood gained by a separate jitter for each channel, over one jitter for all.
 
     Parameters
@@ -198,7 +198,7 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
     return apart
 
 
-def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
+def _correlation_of_rows(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
     """By how many sds the time errors of neighbouring rows correlate: jitter is independent from row to row.
 
     Parameters
@@ -251,7 +251,7 @@ def coin(jumps: Array, z: Array) -> float:
     return max(float(best - without - np.log(len(CAL.jump_shares))), 0.0)
 
 
-def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
+def _less_neighbours(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
     """(N, channels) residuals that count, less the mean of their neighbours."""
     result = z.copy()
     for rows in runs:

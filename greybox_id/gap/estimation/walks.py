@@ -30,9 +30,9 @@ def walked(search: JointSearch) -> tuple[JointStage, Array]:
     if _far_off(search, ends[0]):
         ends += [_end(search, stride) for stride in others]
     best, *rest = sorted(ends, key=lambda stage: -stage.evidence)
-    search.problem.roughly(best.rough)
+    search.problem.set_error_scale(best.error_scale)
     search.problem.forget()
-    disputed = np.zeros(len(best.there))
+    disputed = np.zeros(len(best.included))
     for other in rest:
         apart = best.evidence - other.evidence
         disputed[~_of_one_size(best, other, search.problem.null)] += apart if np.isfinite(apart) else 0.0
@@ -46,7 +46,7 @@ def _end(search: JointSearch, stride: float) -> JointStage:
 def _far_off(search: JointSearch, stage: JointStage) -> bool:
     """Whether tolerances are, together, further from their stated values than their number of degrees of freedom."""
     problem = search.problem
-    problem.roughly(stage.rough)
+    problem.set_error_scale(stage.error_scale)
     off = (stage.state.theta - problem.theta_mean) / problem.theta_sd
     return float(off @ off) > len(off)
 
@@ -56,9 +56,9 @@ def _of_one_size(one: JointStage, other: JointStage, null: Array) -> Mask:
 
     Sizes are one within their sds, or within what a magnitude may differ between parts of a drive.
     """
-    (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.there) for stage in (one, other))
+    (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.included) for stage in (one, other))
     open_to = np.maximum(
         CAL.alike_in_both * np.hypot(sd, its_sd), CAL.varies_rough * np.abs(0.5 * (at + elsewhere) - null)
     )
     same = np.abs(at - elsewhere) <= open_to
-    return np.asarray(np.where(one.there & other.there, same, one.there == other.there), dtype=bool)
+    return np.asarray(np.where(one.included & other.included, same, one.included == other.included), dtype=bool)

@@ -20,7 +20,7 @@ from .axes import Axis
 from .bench import Bench
 from .calibration import CAL
 from .error_filter import likelihood
-from .model_error import Amplitudes, Believed, ForceSizes, Linearised, laid, linearised, tuned_on
+from .model_error import AmplitudePrior, Amplitudes, ForceSizes, Linearised, laid, linearised, tuned_on
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def wandering(
     residuals: Array,
     usable: NDArray[np.bool_],
     one: Amplitudes,
-    prior: Believed,
+    prior: AmplitudePrior,
     noise: Array,
     requested: Sequence[tuple[str, Axis]],
 ) -> tuple[Wander, ...]:
@@ -114,7 +114,7 @@ def _about(amplitudes: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
 
 
 def _best(
-    about: Linearised, r: Array, prior: Believed, tried: Iterator[Lane], forces: int, column: int
+    about: Linearised, r: Array, prior: AmplitudePrior, tried: Iterator[Lane], forces: int, column: int
 ) -> tuple[float, Lane]:
     """Least cost over some lanes, and the lane that has it."""
     lanes = list(tried)
@@ -123,7 +123,7 @@ def _best(
 
 
 def _costs(
-    about: Linearised, r: Array, prior: Believed, lanes: Sequence[Lane], forces: int, column: int | None
+    about: Linearised, r: Array, prior: AmplitudePrior, lanes: Sequence[Lane], forces: int, column: int | None
 ) -> Array:
     """(lanes,) negative log-likelihood, plus the cost of the amplitudes by their prior."""
     chosen = [*range(forces), *([] if column is None else [column])]

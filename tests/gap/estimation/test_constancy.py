@@ -7,7 +7,7 @@ import pytest
 from gap_cases import GivenBench, axis, candidate, search_on
 from scipy.stats import kstest
 
-from greybox_id.gap.estimation.constancy import spreads, steadily, unsteadiness
+from greybox_id.gap.estimation.constancy import discounted, spreads, unsteadiness
 from greybox_id.gap.estimation.hypothesis import Start
 from greybox_id.gap.estimation.refit import refit
 
@@ -146,8 +146,8 @@ def test_the_variance_of_a_mean_is_that_between_parts_over_how_many_there_are():
 
 
 def test_an_unsteady_magnitude_gains_no_more_than_its_own_scatter_allows():
-    assert steadily(20.0, 0.0) == 20.0
-    assert steadily(20.0, 0.025) == pytest.approx(10.0)  # as much variance between parts as from noise
-    assert steadily(np.inf, 0.0) > 1e11
-    assert steadily(np.inf, 0.05) == pytest.approx(10.0)
-    assert steadily(1e9, 0.05) == pytest.approx(10.0)  # half of m^2 over tau^2 / K
+    assert discounted(20.0, 0.0) == 20.0
+    assert discounted(20.0, 0.025) == pytest.approx(10.0)  # as much variance between parts as from noise
+    assert discounted(np.inf, 0.0) > 1e11
+    assert discounted(np.inf, 0.05) == pytest.approx(10.0)
+    assert discounted(1e9, 0.05) == pytest.approx(10.0)  # half of m^2 over tau^2 / K

@@ -6,7 +6,14 @@ from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 
 from greybox_id.gap.estimation.bench import Bench
-from greybox_id.gap.estimation.model_error import Amplitudes, ForceSizes, believed, estimated, linearised, model_error
+from greybox_id.gap.estimation.model_error import (
+    Amplitudes,
+    ForceSizes,
+    amplitude_prior,
+    estimated,
+    linearised,
+    model_error,
+)
 from greybox_id.gap.estimation.preparing import prepare_plain
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.vehicle import StatedModelError
@@ -119,21 +126,21 @@ def test_residuals_of_these_amplitudes_are_white_under_them(bench, about):
 def test_amplitudes_are_found_again(bench, about):
     own = amplitudes()
     e = drawn(about, own, bench.measured.shape, 5)
-    found = estimated(about, e, bench.counted, believed(SD, told=True, exact=False, stated={}), steps=40)
+    found = estimated(about, e, bench.counted, amplitude_prior(SD, noise_stated=True, exact=False, stated={}), steps=40)
     assert found.share_y == pytest.approx(own.share_y, rel=0.4)
     assert found.memory_y == pytest.approx(own.memory_y, rel=0.7)
     np.testing.assert_allclose(found.noise, SD, rtol=0.1)
 
 
 def test_where_every_number_is_exact_less_model_error_is_believed():
-    loose, exact = (believed(SD, True, own, {}).median for own in (False, True))
+    loose, exact = (amplitude_prior(SD, True, own, {}).median for own in (False, True))
     assert exact.share_y == pytest.approx(0.1 * loose.share_y)
     assert np.all(exact.colour < loose.colour)
 
 
 def test_stated_model_error_is_believed_in_place_of_any_vehicles():
     stated = {"F_y": StatedModelError(share=0.05, correlation_time=2.0)}
-    usual, own = (believed(SD, True, False, known) for known in ({}, stated))
+    usual, own = (amplitude_prior(SD, True, False, known) for known in ({}, stated))
     assert (own.median.share_y, own.median.memory_y) == (0.05, 2.0)
     assert (own.median.share_x, own.median.floor_y) == (usual.median.share_x, usual.median.floor_y)
     narrower = own.sd < usual.sd

@@ -9,7 +9,7 @@ from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.first_order import FirstOrder
-from greybox_id.gap.estimation.model_error import believed
+from greybox_id.gap.estimation.model_error import amplitude_prior
 from greybox_id.gap.estimation.problem import JointProblem
 from greybox_id.gap.estimation.together import JointSearch, JointStage, JointWhitening
 from greybox_id.gap.estimation.walks import walked
@@ -26,14 +26,14 @@ def cause(index, gradual=True, **more):
 
 def together(bench, causes, tolerances=()):
     problem = JointProblem(bench, tolerances, causes, bench.counted)
-    prior = believed(SD, True, True, {})
+    prior = amplitude_prior(SD, True, True, {})
     return JointSearch(problem, JointWhitening(problem, SD, prior, False, 1.0), lambda *_, **__: None)
 
 
 def named(search):
     stage = search.explained(walked(search)[0])
-    sizes = stage.sets.sizes(stage.there)[0]
-    return {search.problem.causes[k].name: sizes[k] for k in np.flatnonzero(stage.there)}
+    sizes = stage.sets.sizes(stage.included)[0]
+    return {search.problem.causes[k].name: sizes[k] for k in np.flatnonzero(stage.included)}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -81,12 +81,12 @@ def test_a_magnitude_stays_within_its_bounds():
 def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monkeypatch):
     X = smooth_columns(2)
     search = together(linear_bench(X, [1.0, 0.0], SD), [cause(0), cause(1)])
-    monkeypatch.setattr(search, "_as_rough", lambda stage: 5.0 * stage.rough)
-    settled = search._settled_as
-    monkeypatch.setattr(search, "_settled_as", lambda *given: replace(settled(*given), form=np.nan))
+    monkeypatch.setattr(search, "_shown_error_scale", lambda stage: 5.0 * stage.error_scale)
+    settled = search._settled_at
+    monkeypatch.setattr(search, "_settled_at", lambda *given: replace(settled(*given), error_evidence=np.nan))
     stage = search.explained(walked(search)[0])
     assert np.isfinite(stage.evidence)
-    assert list(stage.there) == [True, False]
+    assert list(stage.included) == [True, False]
 
 
 def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
@@ -94,11 +94,11 @@ def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
     bench = linear_bench(X, [1.5, 0.6], SD)
     search = together(bench, [cause(0, low=-1.0, high=1.0), cause(1)])
     both, second = np.array([True, True]), np.array([False, True])
-    beyond = search.settled(search.problem.begin(), 1.0, search.variance(both), there=both)
+    beyond = search.settled(search.problem.begin(), 1.0, search.variance(both), included=both)
     assert beyond.evidence == -np.inf  # the size of the first lies beyond its bound
     rest = search.refitted(beyond, second)
     assert np.isfinite(rest.evidence)
-    assert rest.evidence == rest.form + rest.explains
+    assert rest.evidence == rest.error_evidence + rest.cause_evidence
 
 
 def test_what_an_abrupt_cause_hid_is_refitted_once_it_is_taken_away():
@@ -109,8 +109,8 @@ def test_what_an_abrupt_cause_hid_is_refitted_once_it_is_taken_away():
     both, first = np.array([True, True]), np.array([True, False])
     state = replace(search.problem.begin(), m=np.array([0.3, 0.8]), on=np.array([False, True]))
     whitener = search.whitening.usual(None, 1.0)
-    state, squares = search._linear(state, whitener, False, search.variance(both))
-    stage = JointStage(1.0, state, both, whitener, squares, search._sets(squares), 0.0)
+    state, quadratic = search._linear(state, whitener, False, search.variance(both))
+    stage = JointStage(1.0, state, both, whitener, quadratic, search._sets(quadratic), 0.0)
     assert search.refitted(stage, first).state.m[0] == pytest.approx(0.8, abs=0.01)
 
 
@@ -122,9 +122,9 @@ def test_two_that_undo_each_other_leave_together(truth, left):
     search = together(linear_bench(X, truth, SD), [cause(k) for k in range(3)])
     every = np.ones(3, dtype=bool)
     apart = replace(search.problem.begin(), m=np.array([truth[0] + 1.0, truth[1] + 1.0, truth[2]]))
-    stage = search.settled(apart, 1.0, search.variance(every), there=every)
+    stage = search.settled(apart, 1.0, search.variance(every), included=every)
     without = search._without_both(stage, np.full(3, 8.0), set())
-    assert set(np.flatnonzero((without or stage).there)) == left
+    assert set(np.flatnonzero((without or stage).included)) == left
     assert search._without_both(stage, np.full(3, 8.0), {(0, 1)}) is None
 
 
@@ -132,25 +132,25 @@ def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_si
     """At its best, a column that was taken elsewhere would pass for an explanation of any simulation."""
     X = smooth_columns(2)
     search = together(linear_bench(X, [0.0, 0.0], SD), [cause(0), cause(1, gradual=False)])
-    problem, there = search.problem, np.array([True, False])
-    whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
-    _, squares = search._linear(problem.begin(), whitener, True, variance)
-    prec, linear = squares.precision(variance), squares.about
-    first = FirstOrder(squares, prec, search.steps.switched_at, np.zeros(2, dtype=bool))
+    problem, included = search.problem, np.array([True, False])
+    whitener, variance = search.whitening.usual(None, 1.0), search.variance(included)
+    _, quadratic = search._linear(problem.begin(), whitener, True, variance)
+    prec, linear = quadratic.precision(variance), quadratic.about
+    first = FirstOrder(quadratic, prec, search.steps.switched_at, np.zeros(2, dtype=bool))
     column = linear.A[:, linear.main][:, 1]
     (left,) = first.left((linear.r + 0.7 * column)[:, None])  # a simulation that is off by what 0.7 of it would explain
     sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * search.steps.switched_at[1]
     best = np.min(np.sum((linear.r + (0.7 + sizes) * column) ** 2, axis=1) + prec[linear.main][1] * sizes[:, 0] ** 2)
     assert left == pytest.approx(best, rel=1e-6)
     assert left > 0.5 * np.sum((linear.r + 0.7 * column) ** 2)
-    simulated = FirstOrder(squares, prec, search.steps.switched_at, np.array([False, True]))
+    simulated = FirstOrder(quadratic, prec, search.steps.switched_at, np.array([False, True]))
     assert simulated.left(linear.r[:, None]) == pytest.approx([float(linear.r @ linear.r)])
 
 
 def test_what_gained_far_more_than_it_must_is_asked_once_nothing_else_leaves(monkeypatch):
     X, every = smooth_columns(3), np.ones(3, dtype=bool)
     search = together(linear_bench(X, [1.0, 0.6, 0.0], SD), [cause(k) for k in range(3)])
-    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), there=every)
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
     asked, gained = [], search._gained
     monkeypatch.setattr(search, "_gained", lambda stage, k, price: asked.append(k) or gained(stage, k, price))
     prices, unsteady, nothing = np.full(3, 8.0), np.zeros(3), np.zeros(3)
@@ -174,7 +174,7 @@ def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
     )
     search = together(linear_bench(X, [1.0, 0.9], SD), [cause(0), small])
     first = np.array([True, False])
-    stage = search.settled(search.problem.begin(), 1.0, search.variance(first), there=first)
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(first), included=first)
     assert stage.sets.score(np.ones(2, dtype=bool)) == -np.inf
     assert search._worth_adding(stage, np.full(2, 8.0), np.zeros(2, dtype=bool)) == 1
 
@@ -206,19 +206,19 @@ def test_a_step_goes_no_further_than_what_is_usual():
     whitener, variance = search.whitening.usual(None, 1.0), search.variance(every)
     state, far = problem.begin(), []
     for _ in range(8):
-        state, squares = search._linear(state, whitener, False, variance)
-        state, went = search.steps.taken(state, squares, variance, whitener, every)
+        state, quadratic = search._linear(state, whitener, False, variance)
+        state, went = search.steps.taken(state, quadratic, variance, whitener, every)
         far.append(went)
     assert max(far) == pytest.approx(CAL.strides[0])
     assert far[-1] < CAL.still
     assert state.m[0] == pytest.approx(5.0, abs=0.1)
 
 
-def stepped(search, state, variance, there):
+def stepped(search, state, variance, included):
     """A step from a state, and how far it went."""
     whitener = search.whitening.usual(None, 1.0)
-    state, squares = search._linear(state, whitener, True, variance)
-    return search.steps.taken(state, squares, variance, whitener, there)
+    state, quadratic = search._linear(state, whitener, True, variance)
+    return search.steps.taken(state, quadratic, variance, whitener, included)
 
 
 def bent_bench(at):
@@ -279,7 +279,7 @@ def searched(tolerances=TOLERATED, off=0.15):
 
 def test_walks_that_end_in_the_same_place_dispute_nothing():
     stage, disputed = walked(searched())
-    assert list(stage.there) == [True, True, False]
+    assert list(stage.included) == [True, True, False]
     assert list(disputed) == [0.0, 0.0, 0.0]
 
 
@@ -293,16 +293,16 @@ def test_a_cause_that_is_not_alike_in_both_must_gain_what_they_differ_by(far, mo
         stages = walk(walker)
         if walker.steps.stride != CAL.strides[0]:
             return stages
-        there = stages[-1].there.copy()
-        there[list(far)] = ~there[list(far)]
+        included = stages[-1].included.copy()
+        included[list(far)] = ~included[list(far)]
         sets = stages[-1].sets
-        lower = sets.base + sets.score(stages[-1].there) - 40.0 - sets.score(there)
+        lower = sets.base + sets.score(stages[-1].included) - 40.0 - sets.score(included)
         monkeypatch.setattr(sets, "base", lower)
-        return [replace(stages[-1], there=there)]
+        return [replace(stages[-1], included=included)]
 
     monkeypatch.setattr(JointSearch, "annealed", annealed)
     stage, disputed = walked(search)
-    assert list(stage.there) == [True, True, False]
+    assert list(stage.included) == [True, True, False]
     assert list(np.flatnonzero(disputed)) == list(far)
     assert disputed[list(far)] == pytest.approx(40.0, abs=0.5)
 
@@ -317,8 +317,8 @@ def test_a_size_that_is_another_one_is_disputed(further, disputed, monkeypatch):
         stages = walk(walker)
         if walker.steps.stride == CAL.strides[0]:
             return stages
-        sets, there = stages[-1].sets, stages[-1].there
-        sizes, sds = sets.sizes(there)
+        sets, included = stages[-1].sets, stages[-1].included
+        sizes, sds = sets.sizes(included)
         monkeypatch.setattr(sets, "base", sets.base - 7.0)
         monkeypatch.setattr(sets, "sizes", lambda _: (sizes + np.array([further, 0.0, 0.0]), sds))
         return stages[-1:]

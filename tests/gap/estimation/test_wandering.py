@@ -12,7 +12,7 @@ from gap_cases import lap, nominal
 import greybox_id as gb
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.gap.estimation.axes import candidates, shifting
-from greybox_id.gap.estimation.model_error import ForceSizes, believed, estimated, linearised
+from greybox_id.gap.estimation.model_error import ForceSizes, amplitude_prior, estimated, linearised
 from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.gap.estimation.wandering import wandering
 from greybox_id.models.effects import EFFECTS
@@ -88,7 +88,7 @@ def test_another_size_that_stays_is_none_that_varies(name):
     driven = [lap({name: EFFECTS[name].typical})]
     bench = prepare(nominal(), driven, known, gap_cases.CAR).bench(driven)
     sd = np.array([gap_cases.NOISE[channel] for channel in bench.channels])
-    p, prior = bench.model.values, believed(sd, True, False, {})
+    p, prior = bench.model.values, amplitude_prior(sd, True, False, {})
     residuals = bench.simulate(p[None])[0] - bench.measured
     about = linearised(bench, p, sd, ForceSizes(bench))
     amplitudes = estimated(about, residuals, bench.counted, prior)
