@@ -170,7 +170,9 @@ def _gains_in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array
     curve = np.maximum(own_raw - np.sum(C * undone, axis=1), 1e-6 * own_raw + 1e-300)
     left = own_slope - np.einsum("pnk,n->pk", C, solved[:, 0])
     known = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
-    both = np.vstack([np.ones(count, dtype=bool), (known >= CAL.least_told) & (known <= 1 - CAL.least_told)])
+    both = np.vstack(
+        [np.ones(count, dtype=bool), (known >= CAL.part_information) & (known <= 1 - CAL.part_information)]
+    )
     gains, steps = np.where(both, 0.5 * left**2 / curve, 0.0), -left / curve
     places = [slice(0, int(edges[k])) for k in inner] + [slice(int(edges[k]), rows) for k in inner]
     return gains[0], places, gains[1:], steps[1:]

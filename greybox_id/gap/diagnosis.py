@@ -222,7 +222,7 @@ def _classes(
         whole = _discounted(examined, examined.best, name, of_class(examined, name), reasons, shared)
         total = sum(alone.values()) or 1.0
         each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
-        each = {member: p for member, p in each.items() if p >= CAL.told_probability or member == name}
+        each = {member: p for member, p in each.items() if p >= CAL.least_probability or member == name}
         classes.append(CauseClass(tuple(each), whole, each, name if name in applied else ""))
     return tuple(sorted(classes, key=lambda item: -item.probability))
 
@@ -274,7 +274,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
 
     def order(ranked: Ranked) -> tuple[float, float, float]:
         p = of_set[ranked.effect] / known
-        return -float(f"{p:.6g}") if p >= CAL.told_probability else 0.0, -nearest.get(ranked.effect, 0.0), -ranked.gain
+        return -float(f"{p:.6g}") if p >= CAL.least_probability else 0.0, -nearest.get(ranked.effect, 0.0), -ranked.gain
 
     return sorted(ranked, key=order)[: CAL.ranked]
 

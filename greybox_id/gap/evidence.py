@@ -117,8 +117,8 @@ def heaviest(selection: Selection, evidence: Evidence) -> Hypothesis:
 
 def tempering(readings: int, inexact: bool, left: float = 0.0) -> float:
     """Factor on gains in log-likelihood."""
-    each = CAL.rough_reading + CAL.misfit_share * max(left, 0.0) / 2
-    return CAL.untempered / (CAL.untempered + (each * readings if inexact else 0.0))
+    each = CAL.form_gain_per_reading + CAL.form_gain_share * max(left, 0.0) / 2
+    return CAL.negligible_form_gain / (CAL.negligible_form_gain + (each * readings if inexact else 0.0))
 
 
 def _unsteady_factors(

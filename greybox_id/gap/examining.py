@@ -226,7 +226,7 @@ def examine(
         if present > CAL.present:
             leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0))
     scattered = sum(item.gain for item, present in scatter.values() if present > CAL.present)
-    alone = CAL.excess_learnt if bench.learnt else CAL.excess_rough if inexact else CAL.excess_exact
+    alone = CAL.excess_learnt if bench.learnt else CAL.excess_inexact if inexact else CAL.excess_exact
     beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, inexact)
     signs_of_unknown = signs(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
@@ -307,7 +307,7 @@ def _kept_from_spinning(problem: JointProblem) -> int | None:
     if name not in names:
         return None
     at = names.index(name)
-    for rate in CAL.firm:
+    for rate in CAL.observer_rates:
         problem.nominal[at] = rate
         if not spins(problem.bench, problem.residuals([problem.nominal])[0], problem.good):
             break

@@ -249,7 +249,7 @@ def may_vary(examined: Examined) -> float:
     does: less, the likelier that is.
     """
     if examined.inexact:
-        return CAL.varies_rough
+        return CAL.varies_inexact
     if examined.unnamed is None:
         return CAL.varies
     return CAL.varies + unnamed_probability(examined) * (CAL.varies_beside_unknown - CAL.varies)

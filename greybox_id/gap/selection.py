@@ -130,7 +130,7 @@ def select(
             break
         stage, gains, best = later, gained, again
     base = _base(search, best)
-    if not best.names:  # no effect is left that too small a model error would favour
+    if not best.names:  # no effect is left that a small model error would favour
         base = best = _recoloured(search, together.whitening, base)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))

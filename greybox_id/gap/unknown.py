@@ -149,9 +149,9 @@ def unknown_probability(signs: Signs, noise_stated: bool = True) -> float:
     """
     x = CAL.nothing_else + CAL.of_left * min(signs.left, 1.0) + CAL.of_structure * signs.structure
     x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + (
-        CAL.untold if signs.effects > CAL.most_effects else 0.0
+        CAL.of_other_signs if signs.effects > CAL.most_effects else 0.0
     )
-    x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if noise_stated else CAL.untold)
+    x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if noise_stated else CAL.of_other_signs)
     x += CAL.beyond * np.log(max(signs.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 

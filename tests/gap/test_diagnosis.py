@@ -383,7 +383,7 @@ def test_a_size_may_vary_less_beside_something_unnamed():
     ]
     assert limits == pytest.approx([CAL.varies, CAL.varies_beside_unknown], abs=0.01)
     assert may_vary(SimpleNamespace(unnamed=None, inexact=False)) == CAL.varies
-    assert may_vary(SimpleNamespace(unnamed=calm, inexact=True)) == CAL.varies_rough  # errors of form move sizes, too
+    assert may_vary(SimpleNamespace(unnamed=calm, inexact=True)) == CAL.varies_inexact  # errors of form move sizes, too
 
 
 def test_what_a_refused_name_explains_is_unnamed():

@@ -25,7 +25,7 @@ Y = np.array([1.0, 1.2]) * np.sin(np.linspace(0, 200, ROWS))[:, None]
 EVERY = np.ones((ROWS, 2), dtype=bool)
 
 
-def beyond(e, good=EVERY, inexact=True, alone=CAL.excess_rough):
+def beyond(e, good=EVERY, inexact=True, alone=CAL.excess_inexact):
     return beyond_what_may_be(e, Y, SD, good, NAMES, alone, inexact)
 
 

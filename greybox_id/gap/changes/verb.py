@@ -215,8 +215,9 @@ def _begun(
 
 
 def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """What all recordings hold. Where v_y is read, accelerations say nothing that its changes do not, and are often
-    made of them.
+    """Outputs that all recordings hold.
+
+    Where v_y is read, accelerations are left out: they add nothing to its changes, and are often computed from it.
     """
     read = [name for name in model.outputs if all(name in one and np.any(np.isfinite(one[name])) for one in recordings)]
     if "v_y" in read:

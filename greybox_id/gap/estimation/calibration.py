@@ -80,9 +80,11 @@ class Calibration:
         20.0, "more, against one that begins or ends: one of 12 nulls gained 25 by one, causes 49 to 4 000", BEGUN
     )
     next_to_nothing: float = _known(0.02, "of its usual size: an abrupt effect that only moves readings past rows")
-    rough_reading: float = _known(1.2e-3, "log-likelihood per reading that form errors gain undetected; without forces")
-    misfit_share: float = _known(0.02, "the same of detected ones, as a share of the cost of their errors")
-    untempered: float = _known(10.0, "nats: if form errors gain far less, gains are not tempered")
+    form_gain_per_reading: float = _known(
+        1.2e-3, "log-likelihood per reading that form errors gain undetected; without forces"
+    )
+    form_gain_share: float = _known(0.02, "the same of detected ones, as a share of the cost of their errors")
+    negligible_form_gain: float = _known(10.0, "nats: if form errors gain far less, gains are not tempered")
     alike: float = _known(3.0, "nats, tempered, below which two explanations are not distinguished: a factor of 20")
     twins: float = _known(0.5, "nats, within which two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
     varies: float = _known(
@@ -91,7 +93,7 @@ class Calibration:
     varies_beside_unknown: float = _known(
         0.05, "the same beside something unnamed: causes, with or without it, 0 to .04, mimics .04 to .45", OUTSIDE
     )
-    varies_rough: float = _known(
+    varies_inexact: float = _known(
         0.16,
         "the same where tolerances are stated: 30 causes 0 to .12, four mimics that were applied .2 to .4",
         STATED,
@@ -116,7 +118,7 @@ class Calibration:
     most_effects: int = _known(2, "effects in an explanation: more of them are a sign of something unknown", DEFINED)
     surely: float = _known(4.0, "sds that noise alone may reach: 1 in 30 000")
     excess_exact: float = _known(0.03, "excess over noise, as a share of it, that is no gap yet, of exact equations")
-    excess_rough: float = _known(0.1, "the same of inexact ones: examinations require more to be detected")
+    excess_inexact: float = _known(0.1, "the same of inexact ones: examinations require more to be detected")
     excess_learnt: float = _known(1.7, "the same of maps with memory: published networks err so on what trained them")
     beyond: float = _known(3.0, "log-odds of something unknown per logarithm of the excess over that; pairs reach 1.07")
     nothing_else: float = _known(-4.0, "log-odds of something unknown without any sign of it: 1 in 50", BEFORE)
@@ -124,7 +126,7 @@ class Calibration:
     of_structure: float = _known(15.0, "log-odds per share of all gains that driving explains, and no effect", BEFORE)
     of_spread: float = _known(12.0, "log-odds per spread of a magnitude between parts", BEFORE)
     widest_spread: float = _known(0.4, "spread beyond which a larger one is no stronger sign", BEFORE)
-    untold: float = _known(1.5, "log-odds where noise is not stated, and for too many effects", BEFORE)
+    of_other_signs: float = _known(1.5, "log-odds where noise is not stated, and for too many effects", BEFORE)
     of_signal: float = _known(0.015, "error of inexact equations over their predictions: the same as of curves")
     of_small_signal: float = _known(0.05, "the same of v_y, a small difference of large quantities")
     far_reading: float = _known(4.5, "robust sds from neighbours' errors, beyond which a reading shows no closure")
@@ -147,7 +149,7 @@ class Calibration:
     lift: float = _known(1.5, "share of the gap over share of the time, from which on a regime is named", DEFINED)
     regime_share: float = _known(0.4, "and its least share of the gap", DEFINED)
     regime_time: float = _known(0.02, "and its least share of the time", DEFINED)
-    told_probability: float = _known(
+    least_probability: float = _known(
         0.005, "probability below which an effect counts as absent: shown as < 0.01", DEFINED
     )
     ranked: int = _known(8, "effects that are listed at most", DEFINED)
@@ -238,12 +240,12 @@ class Calibration:
     rivals: int = _known(3, "best constant hypotheses that are refitted beside one that begins or ends", SEARCHED)
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "least share of rows in which one acts, and does not: fewer inform less", DEFINED)
-    least_told: float = _known(
+    part_information: float = _known(
         0.1, "least share of an effect's information on either side; nulls' grip had .01, .02, causes .26", BEGUN
     )
     begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
     nearly: float = _known(0.5, "of the best explanation's gain, that one is expected to have to first order", SEARCHED)
-    firm: tuple[float, ...] = _known(
+    observer_rates: tuple[float, ...] = _known(
         (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
     )
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
@@ -262,19 +264,25 @@ class Calibration:
     beyond_start: float = _known(2.5, "multiple of such a size, up to which its secant is used", DEFINED)
     evidence_rounds: int = _known(12, "steps of evidence maximisation", SEARCHED)
     evidence_settled: float = _known(0.05, "change of a variance's logarithm, below which it has converged", SEARCHED)
-    stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "model error over its usual size in successive stages", DEFINED)
+    error_scales: tuple[float, ...] = _known(
+        (8.0, 3.0, 1.0), "model error over its usual size in successive stages", DEFINED
+    )
     steps_of_stage: tuple[int, ...] = _known((3, 3, 4), "steps of the search in each of them", SEARCHED)
-    steps_of_rough_stage: tuple[int, ...] = _known(
+    steps_of_stage_with_tolerances: tuple[int, ...] = _known(
         (8, 4, 4), "the same with tolerances: three left 700 nats on CommonRoad's cars", "seeds 0 and 3"
     )
     rounding: float = _known(1e-12, "of a sum of squares, below which it is rounding alone", DEFINED)
     against: float = _known(5.0, "prior log-odds against a cause, in addition to the Occam factor of its size", DRAWN)
-    rough_sd: float = _known(0.4, "sd of the logarithm of the scale of model error: as of other vehicles", DEFINED)
-    rounds_as_rough: int = _known(8, "most steps at the model error that residuals show: far from linear", SEARCHED)
+    error_scale_sd: float = _known(
+        0.4, "sd of the logarithm of the scale of model error: as of other vehicles", DEFINED
+    )
+    rounds_at_scale: int = _known(8, "most steps at the model error that residuals show: far from linear", SEARCHED)
     refits: int = _known(2, "joint steps after a cause is dropped", SEARCHED)
     listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
-    much_rougher: float = _known(3.0, "scale of model error from which on no cause at all is tried, too", DEFINED)
-    likely_there: float = _known(0.15, "prior sd over the usual size from which on a cause is included", SEARCHED)
+    scale_without_causes: float = _known(
+        3.0, "scale of model error from which on no cause at all is tried, too", DEFINED
+    )
+    likely_included: float = _known(0.15, "prior sd over the usual size from which on a cause is included", SEARCHED)
     spreads_weighed: int = _known(6, "most rounds in which causes are weighed by how their magnitudes differ", SEARCHED)
     doubted: float = _known(
         4.0, "factor on its price, up to which a gradual cause's gain is simulated, not of first order", SEARCHED
@@ -291,10 +299,10 @@ class Calibration:
     leaves: float = _known(3.0, "most prior sds that a magnitude may be off during a search", DEFINED)
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, up to which an exchange is refitted", SEARCHED)
-    as_rough: float = _known(
+    scale_change: float = _known(
         1.3, "factor by which unknown forces must exceed the scale of model error to change it", DEFINED
     )
-    as_rough_again: int = _known(2, "times at most that it is changed", SEARCHED)
+    scale_changes: int = _known(2, "times at most that it is changed", SEARCHED)
     second_odds: float = _known(1.0, "further log-odds against each free second parameter", DEFINED)
     still: float = _known(0.05, "step over scales, below which the search has converged", SEARCHED)
     strides: tuple[float, ...] = _known(
@@ -317,13 +325,15 @@ class Calibration:
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
     expected: float = _known(0.1, "of that, below which a step's predicted gain is too small: it is an upper bound")
     fitted: float = _known(1e-4, "of an objective: predicted reduction at which a closed model's fit ends, as fits do")
-    worn: float = _known(0.2, "of its size that a magnitude moves on kept derivatives: they are off by about as much")
-    as_foretold: float = _known(0.1, "relative error of a predicted gain that renews them: they are a third off then")
+    stale: float = _known(0.2, "of its size that a magnitude moves on kept derivatives: they are off by about as much")
+    prediction_error: float = _known(
+        0.1, "relative error of a predicted gain that renews them: they are a third off then"
+    )
     hopeless: float = _known(2e-4, "added to that, per nat that is left to explain", SEARCHED)
     shortened: float = _known(0.1, "least factor that shortens a step: no parabola fits where vehicles spin", DEFINED)
     shortest: float = _known(0.003, "share of a step below which it is given up", SEARCHED)
     short: float = _known(0.1, "the same for a start from its origin", SEARCHED)
-    shy: float = _known(0.3, "factor on the stride of curve shapes once it was too long", SEARCHED)
+    shorter_stride: float = _known(0.3, "factor on the stride of curve shapes once it was too long", SEARCHED)
     stride: float = _known(3.0, "sds that these go in a step: curves are not linear in them", SEARCHED)
     at_once: float = _known(0.02, "of an abrupt tolerance's sd, which stands for its least size", SEARCHED)
     within_delay: float = _known(0.9, "half width of a delay's difference, over it, at most: at none readings jump")
@@ -333,7 +343,9 @@ class Calibration:
     on_a_row: float = _known(1e-6, "rows, how near to a row a delay is on it: rounding of time stamps")
     early: float = _known(1e-6, "s by which a reading is taken before its row's command: any small time")
     ridge: float = _known(1e-9, "of its diagonal, added to a scaled Hessian: half the digits")
-    glance: int = _known(2, "steps after which a delay of whole rows must be better than what it replaces", SEARCHED)
+    screening_steps: int = _known(
+        2, "steps after which a delay of whole rows must be better than what it replaces", SEARCHED
+    )
     amplitude_step: float = _known(1e-3, "step of the difference by a logarithm of an amplitude", SEARCHED)
     memory_step: float = _known(1e-5, "step of the difference by a network's parameter: a third of the digits")
     segments: int = _known(2400, "most segments on which amplitudes are estimated", SEARCHED)

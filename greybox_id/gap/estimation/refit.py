@@ -99,11 +99,11 @@ def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]
         for start in _whole_rows(search, item):
             owners.append(at)
             work.append(_Refit(search, start))
-    _walk(search, work, CAL.glance)
+    _walk(search, work, CAL.screening_steps)
     likely = [
         each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < hypothesises[at].cost
     ]
-    _walk(search, likely, CAL.iterations - CAL.glance)
+    _walk(search, likely, CAL.iterations - CAL.screening_steps)
     for at, each in zip(owners, work, strict=True):
         if each.best is not None and each.best.cost < better[at].cost:
             better[at] = each.best
@@ -285,7 +285,7 @@ class _Refit:
             if item.gradual:
                 size[at] = np.maximum(size[at], [axis.scale for axis in item.axes])
         off = abs(self._gained - self._predicted)
-        return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._predicted
+        return bool(np.any(np.abs(m - old) > CAL.stale * size)) or off > CAL.prediction_error * self._predicted
 
     def _renew(self) -> None:
         """Request derivatives at the best point so far."""
@@ -374,7 +374,7 @@ class _Refit:
         shape tyre curves are bounded more tightly first, and the step is solved for again.
         """
         if self._system is not None and self._stride == 1.0 and np.any(np.isfinite(self.search.stride)):
-            self._stride = CAL.shy
+            self._stride = CAL.shorter_stride
             self._step = self._solve(*self._system)
             self._take_step()
             return

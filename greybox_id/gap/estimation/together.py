@@ -154,8 +154,8 @@ class JointSearch:
         problem.set_error_scale(1.0)
         problem.forget()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
-        steps_of = CAL.steps_of_rough_stage if len(problem.tolerances) else CAL.steps_of_stage
-        for error_scale, steps in zip(CAL.stages, steps_of, strict=True):
+        steps_of = CAL.steps_of_stage_with_tolerances if len(problem.tolerances) else CAL.steps_of_stage
+        for error_scale, steps in zip(CAL.error_scales, steps_of, strict=True):
             moved = problem.set_error_scale(error_scale, state)
             assert moved is not None
             state = moved
@@ -177,13 +177,13 @@ class JointSearch:
         constant: priors of the latter are widened to it, and causes must gain beside these. Where model error is much
         larger than usual, the stage without any cause, from the prior means, is tried too.
         """
-        for _ in range(CAL.as_rough_again):
+        for _ in range(CAL.scale_changes):
             error_scale = self._shown_error_scale(best)
-            if max(error_scale / best.error_scale, best.error_scale / error_scale) < CAL.as_rough:
+            if max(error_scale / best.error_scale, best.error_scale / error_scale) < CAL.scale_change:
                 break
             self.problem.set_error_scale(best.error_scale)
             result = [self._settled_at(best.state, best.included, error_scale)]
-            if error_scale > CAL.much_rougher:
+            if error_scale > CAL.scale_without_causes:
                 self.problem.set_error_scale(1.0)
                 result.append(self._settled_at(self.problem.begin(), np.zeros_like(best.included), error_scale))
             again = max(result, key=lambda item: item.evidence)
@@ -229,7 +229,7 @@ class JointSearch:
         """A stage settled at another scale of model error."""
         moved = self.problem.set_error_scale(error_scale, state)
         self.problem.forget()
-        return self.settled(moved or state, error_scale, self.variance(included), rounds=CAL.rounds_as_rough)
+        return self.settled(moved or state, error_scale, self.variance(included), rounds=CAL.rounds_at_scale)
 
     def _shown_error_scale(self, stage: JointStage) -> float:
         """Unknown forces over their usual size, at least one."""
@@ -411,7 +411,7 @@ class JointSearch:
         """
         known = included is not None
         if included is None:
-            included = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
+            included = np.sqrt(variance) > np.maximum(CAL.likely_included * self.problem.usual, 2 * self.problem.zone)
         best: JointStage | None = None
         for step in range(rounds + 1):
             by = whitener if whitener is not None and step < rounds else self._of_what_is_left(state)
@@ -435,7 +435,7 @@ class JointSearch:
         return self.whitening.left(self.whitening.about(p), e)
 
     def _of_whitener(self, whitener: Whitener, error_scale: float) -> float:
-        form = -0.5 * float(np.log(error_scale) / CAL.rough_sd) ** 2
+        form = -0.5 * float(np.log(error_scale) / CAL.error_scale_sd) ** 2
         if not isinstance(whitener, ModelError):
             return form
         prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))

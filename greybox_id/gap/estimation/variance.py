@@ -131,7 +131,7 @@ def jitter(
         return result
 
     def left(v: float, of: Array) -> float:
-        """Their mean."""
+        """Mean of `squares`."""
         return max(float(np.sum(squares(v, of))) / max(int(np.sum(count)), 1), 1e-300)
 
     def scale(v: float) -> float:
