@@ -1,8 +1,8 @@
-"""A report as a tree of parts: its content, not its appearance. HTML and PDF are made from the same tree."""
+"""A report as a tree of parts: its content, not its appearance. HTML, PDF and text are made from the same tree."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -149,17 +149,17 @@ class Document:
     @property
     def drawings(self) -> tuple[Drawing, ...]:
         """All figures."""
-        return _drawings(self.parts)
+        return tuple(part for part in self.flat if isinstance(part, Drawing))
+
+    @property
+    def flat(self) -> tuple[Part, ...]:
+        """All parts, those that are kept together one by one."""
+        return tuple(_flat(self.parts))
 
 
-def _drawings(parts: tuple[Part, ...]) -> tuple[Drawing, ...]:
-    drawings: list[Drawing] = []
+def _flat(parts: Sequence[Part]) -> Iterator[Part]:
     for part in parts:
-        if isinstance(part, Drawing):
-            drawings.append(part)
-        elif isinstance(part, Together):
-            drawings += _drawings(part.parts)
-    return tuple(drawings)
+        yield from _flat(part.parts) if isinstance(part, Together) else (part,)
 
 
 def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,6 +14,9 @@ from greybox_id.cli.options import JSON, PATH, command, option
 from greybox_id.cli.output import console, print_json, progress, show
 
 from ..driving.loop.protocol import ARMS as LEARNED_ARMS
+
+if TYPE_CHECKING:  # imports that a call for help does not need
+    from greybox_id.reports.document import Document
 
 LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
 REPORT: Any = option("Write a report: to a folder (as HTML and PDF) or to a .md file (one page).", "PLACE")
@@ -47,14 +50,14 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
         report: str | None = REPORT,
         as_json: bool = JSON,
     ) -> None:
-        from ..papers.bench import on_screen, pages_of, write_pages
+        from ..papers.bench import pages_of, write_pages
 
         pages = pages_of(report, name)
         with progress() as say:
             result = import_module(f"greybox_lab.papers.{module}").measure(data, quick, say)
             document = result.document()
             written = write_pages(document, pages, _command(name, data is not None, quick))
-        _say(result.as_dict(), on_screen(document), data, None, written, as_json)
+        _say(result.as_dict(), document, data, None, written, as_json)
 
     measured.__doc__ = f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick"
     command(name, of=bench)(measured)
@@ -102,7 +105,7 @@ def msnn_command(
     \b
     greybox bench msnn --data roboracer --quick --report msnn
     """  # fmt: skip
-    from ..papers.bench import KeptBench, on_screen, pages_of, write_pages
+    from ..papers.bench import KeptBench, pages_of, write_pages
     from ..papers.msnn import measure
     from ..papers.msnn_report import msnn_report
 
@@ -113,7 +116,7 @@ def msnn_command(
         document = msnn_report(result) if pages or not as_json else None
         written = [] if document is None else write_pages(document, pages, _command("msnn", True, quick))
     known = {"paper": "msnn", "quick": quick, "rows": result.rows, "comparisons": result.comparisons}
-    _say(known, [] if document is None else on_screen(document), data, kept.file, written, as_json)
+    _say(known, document, data, kept.file, written, as_json)
 
 
 @command("truck", of=bench)
@@ -140,7 +143,7 @@ def truck_command(
     greybox bench truck --data truck --quick --json
     greybox bench truck --data truck --out truck.json --minutes 60 --report truck
     """  # fmt: skip
-    from ..papers.bench import KeptBench, on_screen, pages_of, write_pages
+    from ..papers.bench import KeptBench, pages_of, write_pages
     from ..papers.truck import TruckOptions, truck_tables
     from ..papers.truck_report import truck_report
 
@@ -149,7 +152,7 @@ def truck_command(
         result = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
         document = truck_report(result) if pages or not as_json else None
         written = [] if document is None else write_pages(document, pages, _command("truck", True, quick))
-    _say(result, [] if document is None else on_screen(document), data, kept.file, written, as_json)
+    _say(result, document, data, kept.file, written, as_json)
 
 
 @command("loop", of=bench)
@@ -204,7 +207,7 @@ def loop_command(
 
 def _say(
     known: Mapping[str, Any],
-    parts: Iterable[Any],
+    document: Document | None,
     data: Path | None,
     file: Path | None,
     pages: list[Path],
@@ -218,6 +221,9 @@ def _say(
         written = {"written": str(file)} if file else {}
         print_json({**known, **written} | ({"report": [str(page) for page in pages]} if pages else {}))
         return
-    show(parts)
+    from greybox_id.reports.text.document import on_screen
+
+    if document is not None:
+        show(on_screen(document))
     for path in [*([] if file is None else [file]), *pages]:
         console().print(f"written  {path}")

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from rich.console import RenderableType
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import ensure_writable, write_atomically
@@ -24,10 +23,9 @@ from greybox_id.base.json_data import Kind, checksum, plain
 from greybox_id.base.numbers import number, with_sd
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
-from greybox_id.reports.document import Document, Part, Points, Section, Table, Text, Together, titled
+from greybox_id.reports.document import Document, Part, Points, Section, Table, Text, titled
 from greybox_id.reports.html import write_html
 from greybox_id.reports.pdf import write_pdf
-from greybox_id.reports.text.screen import plain_table
 
 
 @dataclass(frozen=True)
@@ -109,28 +107,10 @@ def _with_spread(row: Row) -> str:
     return number(row.value, 3) if row.spread is None else with_sd(row.value, row.spread)
 
 
-def on_screen(document: Document) -> Iterator[RenderableType]:
-    """A page without its figures, for a terminal."""
-    for part in _flat(document.parts):
-        match part:
-            case Section():
-                yield f"\n{part.title}"
-            case Points():
-                yield from (f"  {item}" for item in part.items)
-            case Text():
-                yield f"{part.lead} {part.words}".strip()
-            case Table():
-                right = [title for title, letter in zip(part.head, part.letters, strict=True) if letter == "r"]
-                shown = plain_table(*part.head, right=right)
-                for row in part.rows:
-                    shown.add_row(*row)
-                yield shown
-
-
 def markdown(document: Document, command: str) -> str:
     """A page without its figures, for the documentation; `command` made it."""
     lines = [PAGE_MARK, "", f"# {document.title}", "", document.about, "", f"    {command}", ""]
-    for part in _flat(document.parts):
+    for part in document.flat:
         match part:
             case Section():
                 lines += [f"## {part.title}", ""]
@@ -143,14 +123,6 @@ def markdown(document: Document, command: str) -> str:
                 cells = [part.head, tuple(rules), *part.rows]
                 lines += [*(f"| {' | '.join(one.replace('|', '∣') for one in row)} |" for row in cells), ""]
     return "\n".join(lines).rstrip() + "\n"
-
-
-def _flat(parts: Sequence[Part]) -> Iterator[Part]:
-    for part in parts:
-        if isinstance(part, Together):
-            yield from _flat(part.parts)
-        else:
-            yield part
 
 
 def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.DataFrame:

@@ -7,7 +7,7 @@ import pytest
 from made_gaps import CASES, clear, none, strip
 
 from greybox_id.gap.gap import Limit
-from greybox_id.reports.document import Formulas, Section, Together
+from greybox_id.reports.document import Formulas, Section
 from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.gap.page import TIME_OPACITY, drawings, driven, limits
 from greybox_id.reports.gap.report import channels, gap_report, limits_table, stated, unseen
@@ -99,10 +99,7 @@ def test_a_map_that_is_not_known_is_a_sentence(change):
 @pytest.mark.parametrize("case", CASES)
 def test_the_simulation_that_was_compared_is_written_down(case):
     document = gap_report(CASES[case](), MADE)
-    titles = {part.title for part in document.parts if isinstance(part, Section)} | {
-        own.title for part in document.parts if isinstance(part, Together) for own in part.parts
-        if isinstance(own, Section)
-    }  # fmt: skip
+    titles = {part.title for part in document.flat if isinstance(part, Section)}
     assert {"What could be present undetected", "What was simulated", "How to repeat the diagnosis"} <= titles
     assert any(isinstance(part, Formulas) for part in document.parts)
 

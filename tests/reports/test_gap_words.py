@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from made_gaps import CASES, DELAY, aliased, clear, none, unknown
-from report_parts import below, flat, tables
+from report_parts import below, tables
 
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.gap import Closure, Moved, Ranked
@@ -209,7 +209,7 @@ def test_a_report_holds_words_only(case):
     assert dict(made.pairs)["command"] == "greybox gap lap7.csv"
     for table in tables(document):
         assert all(len(row) == len(table.head) and all(isinstance(cell, str) for cell in row) for row in table.rows)
-    words = [part for part in flat(document.parts) if not isinstance(part, Drawing)]
+    words = [part for part in document.flat if not isinstance(part, Drawing)]
     assert not re.search(r"\b(nan|inf|None)\b", str(words))
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_parts import below, flat
+from report_parts import below
 
 from greybox_id.base.numbers import interval
 from greybox_id.fitting.scores.metrics import FREE_RUN, ahead, prediction_errors, score_with_persistence
@@ -109,7 +109,7 @@ def test_a_fit_without_covariance_says_that_this_is_not_known(motion_fit, laps):
     document = prepared(replace(motion_fit, covariance=None), laps)
     assert "is not known" in three(document)[2]
     assert below(document, "Identifiable in combination") == []
-    assert not any(isinstance(part, Text) and part.lead == "Not determined" for part in flat(document.parts))
+    assert not any(isinstance(part, Text) and part.lead == "Not determined" for part in document.flat)
 
 
 def test_slip_angles_are_kept_along_the_drive(motion_found):

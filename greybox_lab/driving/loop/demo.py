@@ -29,6 +29,8 @@ from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import motion_model_of
 from greybox_id.models.vehicle import Vehicle, write_vehicle
 from greybox_id.reports.html import page
+from greybox_id.reports.text.document import on_screen
+from greybox_id.reports.text.screen import as_text
 
 from ...exam.make import write_recording
 from ..learned.injection import InjectedModel
@@ -45,7 +47,7 @@ from .adapting import (
     world_of,
 )
 from .arms import Twin, oracle, twin
-from .demo_report import demo_lines, demo_report
+from .demo_report import demo_report
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
@@ -184,9 +186,11 @@ class _Running(Underway):
                 self.keep()
         arms = {name: item for name, item in self.state["arms"].items() if item is not None}
         value = self.body(cycles=self.state["cycles"], arms=arms)
-        write_atomically(self.folder / "index.html", page(demo_report(value)), continued=True)
+        report = demo_report(value)
+        write_atomically(self.folder / "index.html", page(report), continued=True)
         cycles = [{name: item for name, item in one.items() if name != "trace"} for one in value["cycles"]]
-        return LoopOutcome({**value, "cycles": cycles}, demo_lines(value))
+        lines = as_text(on_screen(report)), "", f"written  {value['folder']}/index.html"
+        return LoopOutcome({**value, "cycles": cycles}, lines)
 
     def _cycle(self, base: Learned) -> None:
         """DrivenRows rows, name, learn, probe and swap."""

@@ -42,30 +42,6 @@ def demo_report(demo: Mapping[str, Any]) -> Document:
     return Document("The loop", about, "the loop", f"greybox-id {__version__}", parts)
 
 
-def demo_lines(demo: Mapping[str, Any]) -> list[str]:
-    """The same for a terminal."""
-    lines = [
-        f"withheld   {effect_words(demo['withheld'])}",
-        "",
-        "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
-    ]
-    for k, cycle in enumerate(demo["cycles"], 1):
-        swapped = "yes" if cycle["swapped"] else "no"
-        lines.append(
-            f"{k:5d}  {cycle['rows']:4d}  {cycle['cap']:.2f}  {1e3 * cycle['path_error_rms']:7.1f} mm"
-            f"  {lap_words(cycle['lap_time']):>8}  {cycle['crashes']:7d}"
-            f"  {effect_words(cycle['applied']):24s} {swapped}"
-        )
-    lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
-    for name, arm in demo["arms"].items():
-        first, last = arm["first"], arm["last"]
-        lines.append(
-            f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
-            f"  {lap_words(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
-        )
-    return [*lines, "", f"written  {demo['folder']}/index.html"]
-
-
 def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
     rows = []
     for k, one in enumerate(cycles, 1):

@@ -12,8 +12,11 @@ from json_pages import PAGE, agree
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.how import quiet
+from greybox_id.reports.document import Drawing, titled
+from greybox_id.reports.figures.sheet import Sheet
+from greybox_id.reports.text.document import on_screen
 from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
-from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_screen
+from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown
 from greybox_lab.papers.equations import AHEAD, BEHIND, driven_rear, servo_axis
 
 
@@ -29,6 +32,8 @@ def test_a_page_has_every_figure_and_marks_what_is_published():
                   "| theirs (published) | 0.700 | – | – |", "| :--- | ---: | ---: | ---: |"):  # fmt: skip
         assert words in page
     assert len(list(on_screen(document))) == 6
+    drawn = replace(document, parts=(*document.parts, *titled("Seen", Drawing("seen", Sheet((90.0,)), "", ""))))
+    assert list(on_screen(drawn))[-2:] == ["\nHow it was measured", "  How."]  # no heading of what is not shown
 
 
 def laps(rows=600, seed=0):
