@@ -41,13 +41,13 @@ def c_of(name: str) -> str:
 @cache
 def writers(module: str) -> str:
     """Text that determines the C written by another module: its source, the C files beside it, and the files here."""
-    here, there = Path(__file__).parent, Path(module)
+    folder, writer = Path(__file__).parent, Path(module)
     names = ("graph", "idle", "straight", "vectors")
     files = [
-        *(here / f"{name}.py" for name in names),
-        *sorted(here.glob("*.c")),
-        there,
-        *sorted(there.parent.glob("*.c")),
+        *(folder / f"{name}.py" for name in names),
+        *sorted(folder.glob("*.c")),
+        writer,
+        *sorted(writer.parent.glob("*.c")),
     ]
     return "\0".join(file.read_text("utf-8") for file in dict.fromkeys(files))
 

@@ -36,14 +36,14 @@ class VirtualMachine:
         y_all = np.empty((lanes, reads.sum(), self._output.sizes[0][1]))
         for item, count in _blocks(lanes):
             z, s_own, p_own = z0[item], np.ascontiguousarray(s[item].swapaxes(0, 1)), p[item]
-            here, reading = item[:count], 0
+            real, reading = item[:count], 0
             for k in range(segments):
-                z_all[here, k] = z[:count]
+                z_all[real, k] = z[:count]
                 if reads[k]:
-                    y_all[here, reading] = self._output(z, s_own[k], p_own)[0][:count, 0]
+                    y_all[real, reading] = self._output(z, s_own[k], p_own)[0][:count, 0]
                     reading += 1
                 z = self._step(z, s_own[k], p_own)[0][:, 0]
-            z_all[here, segments] = z[:count]
+            z_all[real, segments] = z[:count]
         return z_all, y_all
 
     def linearise(
@@ -51,22 +51,22 @@ class VirtualMachine:
     ) -> tuple[Array, Array, Array, Array]:
         """States at the end and the readings, each with its derivative."""
         lanes, segments, states = *s.shape[:2], z0.shape[1]
-        outputs, moved = self._output.sizes[0][1], states + len(columns)
-        z_end, Z_end = np.empty((lanes, states)), np.empty((lanes, states, moved))
-        y_all, Y_all = np.empty((lanes, reads.sum(), outputs)), np.empty((lanes, reads.sum(), outputs, moved))
+        outputs, width = self._output.sizes[0][1], states + len(columns)
+        z_end, Z_end = np.empty((lanes, states)), np.empty((lanes, states, width))
+        y_all, Y_all = np.empty((lanes, reads.sum(), outputs)), np.empty((lanes, reads.sum(), outputs, width))
         for item, count in _blocks(lanes):
             z, s_own, p_own = z0[item], np.ascontiguousarray(s[item].swapaxes(0, 1)), p[item]
-            Z = np.tile(np.eye(states, moved), (len(item), 1, 1))
-            here, reading = item[:count], 0
+            Z = np.tile(np.eye(states, width), (len(item), 1, 1))
+            real, reading = item[:count], 0
             for k in range(segments):
                 if reads[k]:
                     y, C, D = self._output_by(z, s_own[k], p_own)
                     Y = _chained(C, D, Z, columns)
-                    y_all[here, reading], Y_all[here, reading] = y[:count, 0], Y[:count]
+                    y_all[real, reading], Y_all[real, reading] = y[:count, 0], Y[:count]
                     reading += 1
                 following, A, B = self._step_by(z, s_own[k], p_own)
                 z, Z = following[:, 0], _chained(A, B, Z, columns)
-            z_end[here], Z_end[here] = z[:count], Z[:count]
+            z_end[real], Z_end[real] = z[:count], Z[:count]
         return z_end, Z_end, y_all, Y_all
 
 

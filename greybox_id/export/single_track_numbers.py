@@ -135,7 +135,7 @@ def _at_rest(model: MotionModel) -> tuple[list[float], list[float]]:
     trace = MotionTrace(telling)
     z, rest, p = cs.SX.sym("z", trace.size), np.zeros(trace.segment_size), model.values
     aside = [state.name for state in model.states].index("v_y")
-    by_v_y = cs.jacobian(trace.told(_SLOPED)(z, rest, p), z[aside])
+    by_v_y = cs.jacobian(trace.named_values(_SLOPED)(z, rest, p), z[aside])
     at = np.zeros(trace.size)
     F_f, F_r, a_f, a_r = np.array(cs.Function("by_v_y", [z], [by_v_y])(at)).ravel()
-    return np.array(trace.told(_TOLD)(at, rest, p)).ravel().tolist(), [float(F_f / a_f), float(F_r / a_r)]
+    return np.array(trace.named_values(_TOLD)(at, rest, p)).ravel().tolist(), [float(F_f / a_f), float(F_r / a_r)]

@@ -59,8 +59,8 @@ class LaidRun:
         if rows >= len(self.row_segment):
             return self
         stop = int(self.row_segment[rows])
-        taken = np.where(self.read_segment[:rows] < stop, self.read_segment[:rows], -1)
-        return LaidRun(self.run, self.segments[:stop], self.readings[:stop], self.row_segment[:rows], taken)
+        read_segment = np.where(self.read_segment[:rows] < stop, self.read_segment[:rows], -1)
+        return LaidRun(self.run, self.segments[:stop], self.readings[:stop], self.row_segment[:rows], read_segment)
 
 
 def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str]) -> list[LaidRun]:

@@ -140,7 +140,7 @@ class StateSpace:
         if "sideslip" in names:
             requested |= dict.fromkeys(("v_x", "v_y"))
         result = (
-            dict(zip(requested, cs.vertsplit(self.trace.told(tuple(requested))(z, s, parameters)), strict=True))
+            dict(zip(requested, cs.vertsplit(self.trace.named_values(tuple(requested))(z, s, parameters)), strict=True))
             | tracked_values
         )
         if "sideslip" in names:
@@ -226,10 +226,10 @@ def walking(
         raise BadInput(f"{', '.join(twice)} is named twice; name it once.")
     tracked: list[Tracked] = []
     for name in names:
-        model, value = _with_parameter(model, name, effects)
-        if any(other.name == value for other in tracked):
-            raise BadInput(f"{name} is named twice: it is {value} by another name; name it once.")
-        tracked.append(_tracked(model, value, returns=name in disturbances))
+        model, parameter_name = _with_parameter(model, name, effects)
+        if any(other.name == parameter_name for other in tracked):
+            raise BadInput(f"{name} is named twice: it is {parameter_name} by another name; name it once.")
+        tracked.append(_tracked(model, parameter_name, returns=name in disturbances))
     return model, tuple(tracked)
 
 

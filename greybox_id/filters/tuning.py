@@ -138,8 +138,8 @@ def tuned(
     if coordinates:
         values, vectors = np.linalg.eigh(search.spread(result.x)[len(noise) :, len(noise) :])
         axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-        moved = result.x + np.hstack([np.zeros((len(axes), len(noise))), axes])
-        moves = search.placed(moved) - best
+        points = result.x + np.hstack([np.zeros((len(axes), len(noise))), axes])
+        moves = search.placed(points) - best
     return Tuned(best, (before, float(filtering.costs(runs, best[None])[0])), int(result.nit), moves)
 
 

@@ -311,9 +311,9 @@ class Tracker:
     ) -> _Estimates:
         names = self.reported
         values, variances = np.empty((2, len(names), sum(len(run.row_segment) for run in runs)))
-        for here, value, variance in self._along(parts, p):
-            values[:, here] = value.T
-            variances[:, here] = np.where(np.isnan(value), np.nan, np.maximum(variance, 0.0)).T
+        for rows, value, variance in self._along(parts, p):
+            values[:, rows] = value.T
+            variances[:, rows] = np.where(np.isnan(value), np.nan, np.maximum(variance, 0.0)).T
         return _Estimates(dict(zip(names, values, strict=True)), dict(zip(names, variances, strict=True)))
 
     def _along(self, parts: Iterator[tuple[LaidRun, Array, Array]], p: Array) -> Iterator[tuple[slice, Array, Array]]:

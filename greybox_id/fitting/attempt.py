@@ -231,9 +231,9 @@ def with_starts(problem: MotionProblem, x: Array) -> Array:
     """
     if not len(problem.loose):
         return x
-    held = copy(problem)
-    held.free = problem.free & (np.arange(len(x)) >= problem.parameters.size)
-    return gauss_newton(held, x, max_steps=SHORT_STEPS, tolerance=TOLERANCE, search="levenberg_marquardt").x
+    starts_only = copy(problem)
+    starts_only.free = problem.free & (np.arange(len(x)) >= problem.parameters.size)
+    return gauss_newton(starts_only, x, max_steps=SHORT_STEPS, tolerance=TOLERANCE, search="levenberg_marquardt").x
 
 
 def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float, say: Say, name: str) -> Solution:

@@ -121,14 +121,14 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
     times |= {k: compared.worst(compared.start, [piece]) for k, piece in pieces.items() if k not in times}
     times = {k: times[k] for k in pieces if times[k] > 0.0}
     each = float(np.exp(np.mean(np.log([*times.values()]))))
-    apart = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
-    if not apart and not each > LESS:  # a deviation of all pieces is the better reason
-        apart = {k: ratio for k, ratio in times.items() if ratio > FAR}
-    if apart:
-        where = max(apart, key=lambda k: apart[k])
+    deviating = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
+    if not deviating and not each > LESS:  # a deviation of all pieces is the better reason
+        deviating = {k: ratio for k, ratio in times.items() if ratio > FAR}
+    if deviating:
+        where = max(deviating, key=lambda k: deviating[k])
         yield Reason(
             NOT_USABLE,
-            f"In part {where + 1} of {BLOCKS} equal parts of the data, errors are {number(apart[where], 2)} times "
+            f"In part {where + 1} of {BLOCKS} equal parts of the data, errors are {number(deviating[where], 2)} times "
             "those of the same model fitted to that part: the vehicle has changed, or is not the same throughout. "
             "Fit each part by itself.",
         )
@@ -154,9 +154,9 @@ def _parts_apart(
         parts = _parts(recording, count)
         first = next(parts)
         ratio = compared.apart(*first)
-        apart = form.get("apart", False) and count == named
-        beyond = apart or (count == HALF and form.get("mixed", False))
-        if ratio > (WORSE if apart and count == HALF else LESS) and (
+        named_apart = form.get("apart", False) and count == named
+        beyond = named_apart or (count == HALF and form.get("mixed", False))
+        if ratio > (WORSE if named_apart and count == HALF else LESS) and (
             beyond or _stands_out(ratio, (compared.apart(*mixed) for mixed in parts))
         ):
             stated_is_better = unfitted is not None and compared.worst(unfitted, first) < ratio**0.5

@@ -176,8 +176,8 @@ def choose_structure(
 
     def report(number: int, error: float) -> bool:
         if progress is not None:
-            stated = f"cross-validated error {error:.4f} of the signals' spread"
-            progress(f"structure {number + 1} of {len(models)}: {stated}")
+            words = f"cross-validated error {error:.4f} of the signals' spread"
+            progress(f"structure {number + 1} of {len(models)}: {words}")
         return True
 
     done = side_by_side(work, len(models), jobs, report)

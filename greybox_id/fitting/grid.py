@@ -144,9 +144,9 @@ def fit_grid(
     def report(number: int, row: dict[str, Any]) -> bool:
         cell = several[missing[number]]
         rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
-        stated = ", ".join(f"{n}={v}" for n, v in cell.items())
+        words = ", ".join(f"{n}={v}" for n, v in cell.items())
         say(
-            f"{name} {stated}: {row['parameters']} parameters, "
+            f"{name} {words}: {row['parameters']} parameters, "
             f"cross-validated error {100 * row['cv_error']:.4g} % of the readings' sd"
         )
         if keep is not None:

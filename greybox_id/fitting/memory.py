@@ -189,8 +189,8 @@ def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Arra
     variances = uncertainty(problem, solution.x, solution.nodes).sd ** 2
     result = {}
     for parameter, place in placed(problem.trace.model.parameters):
-        value = np.mean([variances[index[place]] for index in problem.layout.index], axis=0)
-        result[parameter.name] = np.sqrt(np.maximum(value, 0.0)).reshape(parameter.shape)
+        variance = np.mean([variances[index[place]] for index in problem.layout.index], axis=0)
+        result[parameter.name] = np.sqrt(np.maximum(variance, 0.0)).reshape(parameter.shape)
     return result
 
 

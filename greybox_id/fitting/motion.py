@@ -187,7 +187,7 @@ def fit_motion(
         model=model.name, closed_loop=True, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
         starts=tuple(scores[k] for k in order) or (solution.objective,), strengths={}, strengths_from="given", tried=(),
-        noise={n: float(s) for n, s, seen in zip(model.outputs, spread, _seen(problem), strict=True) if seen},
+        noise={n: float(s) for n, s, read in zip(model.outputs, spread, _seen(problem), strict=True) if read},
         cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
         certificate=certificate,
         ended_at=tuple(free_numbers(model, attempts[k]) for k in order) if len(order) > 1 else (),
@@ -248,9 +248,9 @@ def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> st
         return "most parameters ended at bounds"
     errors = problem.errors(problem.simulated_nodes(solution.x) if solution.nodes is None else solution.nodes)
     explained = [
-        np.mean(errors[there, k] ** 2) < np.var(problem.target[there, k])
+        np.mean(errors[read, k] ** 2) < np.var(problem.target[read, k])
         for k in range(errors.shape[1])
-        if np.any(there := np.isfinite(errors[:, k]) & (problem.weight[:, k] > 0))
+        if np.any(read := np.isfinite(errors[:, k]) & (problem.weight[:, k] > 0))
     ]
     return "" if any(explained) or not explained else "the predictions are no better than the mean of the readings"
 

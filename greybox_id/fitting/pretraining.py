@@ -118,10 +118,10 @@ def pretrained(
     """
     x, u, rates, scale = taught(model, recordings, known, seed)
     count = x.shape[1]
-    held = int(HELD_OUT * count)
+    held_out_count = int(HELD_OUT * count)
     errors, outside = (
         RateErrors(model, x[:, rows], u[:, rows], rates[:, rows], scale[:, rows])
-        for rows in (slice(held, None), slice(held))
+        for rows in (slice(held_out_count, None), slice(held_out_count))
     )
     problem = HybridProblem(model, (), np.ones(len(rates)), errors)
 
@@ -175,8 +175,8 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
     for recording in recordings:
         factor = np.ones(len(recording))
         for start, stop in recording.runs:
-            value = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
-            factor[start:stop] = top * random.uniform(1.0, known.beyond) / value
+            fastest = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
+            factor[start:stop] = top * random.uniform(1.0, known.beyond) / fastest
         driven = recording.with_signals(v_x=factor * recording["v_x"], steer=recording["steer"] / factor**2)
         simulated = {name: np.full(len(recording), np.nan) for name in states}
         draws = known.draws[random.integers(len(known.draws), size=min(AT_A_POINT, len(known.draws)))]

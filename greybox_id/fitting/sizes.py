@@ -58,8 +58,8 @@ def at_best_sizes(
     for name, place in places.items():
         largest = _largest(problem, recordings, name)
         low, high = problem.model[name].bounds
-        numbers, beside = tried
-        for k, steps in enumerate(numbers + largest / problem.shared(x)[place] if beside else numbers):
+        numbers, relative = tried
+        for k, steps in enumerate(numbers + largest / problem.shared(x)[place] if relative else numbers):
             if steps > 0 and low < (size := largest / steps) < high:
                 other = _with_size(problem, x, place, size)
                 if (value := _objective(problem, other)) < least:
@@ -155,16 +155,16 @@ class _Possible:
         self.tried += 1
         self.say(f"{self.name}: interval of the size, {self.tried} tried, {size:.6g}", passing=True)
         x = _with_size(self.problem, self.x, self.place, size)
-        value = _objective(self.problem, x)
-        if value - self.least > allowed:
+        objective = _objective(self.problem, x)
+        if objective - self.least > allowed:
             solution = gauss_newton(
                 self.held, x, max_steps=STEPS_OF_OTHERS, negligible=0.0, search="levenberg_marquardt"
             )
             if solution.status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
-            x, value = solution.x, solution.objective
-        self.least = min(self.least, value)
-        return x if value - self.least <= allowed else None
+            x, objective = solution.x, solution.objective
+        self.least = min(self.least, objective)
+        return x if objective - self.least <= allowed else None
 
     def _size(self, x: Array) -> float:
         return float(self.problem.shared(x)[self.place])

@@ -186,14 +186,14 @@ def split(
             f"all of {', '.join(model.inputs)} present; set window and warm_up to fewer rows."
         )
     if len(named) == 1:
-        name, whole = named[0]
-        cut = int((1.0 - HELD_OUT) * len(whole))
-        if len(whole) - cut < model.window:
+        name, single = named[0]
+        cut = int((1.0 - HELD_OUT) * len(single))
+        if len(single) - cut < model.window:
             raise BadInput(
-                f"The only unbroken stretch has {len(whole)} rows; its last fifth, which says when to stop, is "
+                f"The only unbroken stretch has {len(single)} rows; its last fifth, which says when to stop, is "
                 f"shorter than a window of {model.name}, {model.window} rows. Name more recordings."
             )
-        return [_rows(whole, 0, cut)], [_rows(whole, cut, len(whole))], (f"{name}, the last fifth",)
+        return [_rows(single, 0, cut)], [_rows(single, cut, len(single))], (f"{name}, the last fifth",)
     count = max(int(round(HELD_OUT * len(named))), 1)
     chosen = set(np.random.default_rng((seed, 613)).permutation(len(named))[:count].tolist())
     train = [one for k, (_, one) in enumerate(named) if k not in chosen]

@@ -106,7 +106,7 @@ def judgement(
     recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
     both = {name: score_with_persistence(fit.model, recording) for name, recording in recordings.items()}
     scores_by_role = {name: scores for name, (scores, _) in both.items()}
-    persistence = {name: beside for name, (_, beside) in both.items() if beside}
+    persistence = {name: of_persistence for name, (_, of_persistence) in both.items() if of_persistence}
     unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
     before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
     verdict, against = (
@@ -200,8 +200,8 @@ def fit(
         task, stood = _moving(models[0], task)
         result, task, holding = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
-        stated = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
-        extra: dict[str, Any] = {"sensors": stated} if stated else {}
+        sensor_sd = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
+        extra: dict[str, Any] = {"sensors": sensor_sd} if sensor_sd else {}
         extra |= {"stood": stood} if stood else {}
         result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **extra})
         by_role = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}

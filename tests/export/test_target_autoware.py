@@ -76,7 +76,7 @@ def test_wheels_stand_where_the_model_has_them_whichever_effect_came_first(order
     trace = MotionTrace(meant.model)
     segment = np.zeros(trace.segment_size)
     segment[1] = 0.1
-    ours = float(trace.told(["steer"])([10.0, 0.0, 0.0], segment, meant.model.values))
+    ours = float(trace.named_values(["steer"])([10.0, 0.0, 0.0], segment, meant.model.values))
     assert found["debug_steer_scaling_factor"] * 0.1 - found["steer_bias"] == pytest.approx(ours, rel=1e-14)
 
 

@@ -27,7 +27,7 @@ def test_axles_pull_as_the_models_do():
     meant, tyres = written(EFFECTS, S_h_f=0.004, S_v_r=0.01)
     trace, model = MotionTrace(meant.model), meant.model
     rng = np.random.default_rng(0)
-    told = trace.told(["alpha_f", "alpha_r", "F_zf", "F_zr", "F_yf", "F_yr"])
+    told = trace.named_values(["alpha_f", "alpha_r", "F_zf", "F_zr", "F_yf", "F_yr"])
     for _ in range(200):
         z = np.array([rng.uniform(2, 40), rng.normal(0, 1.5), rng.normal(0, 0.5)])
         segment = np.zeros(trace.segment_size)

@@ -47,7 +47,7 @@ def test_cornering_stiffness_walks_as_the_factor_that_scales_it():
     stiffer = model.with_parameters(model["stiffness_f"].with_value(1.2), model["stiffness_r"].with_value(0.9))
     same = car(B_f=9.3 * 1.2, B_r=10.5 * 0.9)
     np.testing.assert_allclose(rates(stiffer), rates(same), rtol=1e-12)
-    told, s = MotionTrace(stiffer).told(("C_alpha_f", "C_alpha_r")), [0.0, 0.05, 1.0, 0.0, 0.0]
+    told, s = MotionTrace(stiffer).named_values(("C_alpha_f", "C_alpha_r")), [0.0, 0.05, 1.0, 0.0, 0.0]
     static = 1457.2 * 9.81 / (1.296 + 1.465)
     expected = [1.2 * 9.3 * 1.4 * 1.0 * 1.465 * static, 0.9 * 10.5 * 1.4 * 1.02 * 1.296 * static]
     np.testing.assert_allclose(np.asarray(told([20.0, 0.3, 0.2], s, stiffer.values)).ravel(), expected, rtol=1e-12)

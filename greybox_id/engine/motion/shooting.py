@@ -109,8 +109,8 @@ class MotionProblem:
         like: MotionProblem | None = None,
     ) -> None:
         self.simulator, self.trace, self.model = simulator, simulator.trace, simulator.trace.model
-        stated = () if like is not None else (motion_runs(self.model, recording) for recording in recordings)
-        self.runs: list[MotionRun] = [run for item in stated for run in item] if like is None else like.runs
+        read_runs = () if like is not None else (motion_runs(self.model, recording) for recording in recordings)
+        self.runs: list[MotionRun] = [run for item in read_runs for run in item] if like is None else like.runs
         self.noise, self.horizon = np.asarray(noise, dtype=float), horizon
         every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
         self.intervals = [interval for k, run in enumerate(self.runs) for interval in self._intervals(k, run, every)]
@@ -242,21 +242,21 @@ class MotionProblem:
         at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
         result = np.empty((len(x) if len(x) > at_once else 0, *self.target.shape))
         for first in range(0, len(x), at_once):
-            value = x[first : first + at_once]
-            per_run = value[:, np.array(self.parameters.index)]
+            points = x[first : first + at_once]
+            per_run = points[:, np.array(self.parameters.index)]
             z0 = self._interval_starts.of_many(per_run)
             if len(self.loose):
-                z0[:, :, self.loose] += value[:, self.parameters.size :].reshape(len(value), count, -1)
+                z0[:, :, self.loose] += points[:, self.parameters.size :].reshape(len(points), count, -1)
             p = per_run[:, self._run]
-            if len(value) == 1:  # no second copy of what may be hours of data
+            if len(points) == 1:  # no second copy of what may be hours of data
                 self._tiled = (lanes, lanes.segments)
-            elif self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
-                self._tiled = (lanes, np.tile(lanes.segments, (len(value), 1, 1)))
+            elif self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(points) * count:
+                self._tiled = (lanes, np.tile(lanes.segments, (len(points), 1, 1)))
             with np.errstate(over="ignore", invalid="ignore"):
-                z0, p = (item.reshape(len(value) * count, -1) for item in (z0, p))
+                z0, p = (item.reshape(len(points) * count, -1) for item in (z0, p))
                 _, y = self.simulator.kernel.simulate(z0, self._tiled[1], p, lanes.reads, lanes.ends)
-            read = y.reshape(len(value), -1)
-            read = (read if lanes.in_order else read[:, lanes.flat]).reshape(len(value), *self.target.shape)
+            read = y.reshape(len(points), -1)
+            read = (read if lanes.in_order else read[:, lanes.flat]).reshape(len(points), *self.target.shape)
             read = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
             if len(x) <= at_once:  # no second copy of what may be hours of data
                 return read
@@ -309,10 +309,10 @@ class MotionProblem:
         e = nodes.used.gathered(against.weighted(nodes.read)[0], 0.0)
         owner = cut.owner.reshape(e.shape)
         for k, rows in enumerate(self.rows_of_intervals(nodes)):
-            value = (owner[rows] == k)[:, :, None]
+            owned = (owner[rows] == k)[:, :, None]
             full = np.zeros((len(rows), e.shape[1], len(self.layout.index[k])))
-            full[:, :, self._chosen] = np.where(value, J[rows], 0.0)
-            yield np.where(value[:, :, 0], e[rows], 0.0), full
+            full[:, :, self._chosen] = np.where(owned, J[rows], 0.0)
+            yield np.where(owned[:, :, 0], e[rows], 0.0), full
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
         """Per interval, those of the N rows of which it predicts a reading."""
@@ -448,8 +448,8 @@ class MotionProblem:
         cut, moving, loose = nodes.cut, self.moving, self.loose
         _, starts_by_p = self.starts(x)
         size, count, places = self.trace.size, len(self.moving), np.arange(len(self.moving))
-        whole = cut is nodes.lanes
-        if whole:
+        uncut = cut is nodes.lanes
+        if uncut:
             seed = np.concatenate((starts_by_p[:, :, moving], np.zeros((len(cut.interval), size, len(loose)))), axis=2)
             seed[:, loose, count + np.arange(len(loose))] = 1.0
         else:
@@ -458,7 +458,7 @@ class MotionProblem:
             nodes.starts, cut.segments, self.of_intervals(x)[cut.interval], cut.reads, moving, seed, places,
             self.against(cut), residuals,
         )  # fmt: skip
-        if whole:
+        if uncut:
             return None, H, g
         G = chained(cut, Z, starts_by_p[:, :, moving], loose)
         if residuals is None:
@@ -473,18 +473,18 @@ class MotionProblem:
         weight = self.against(cut).weighted(nodes.read if nodes.used is cut else cut.scattered(nodes.y))[1]
         before: tuple[Array, Array] | None = None
         for first in range(0, len(p), max(LANES, 1)):
-            value = slice(first, min(first + LANES, len(p)))
+            block = slice(first, min(first + LANES, len(p)))
             _, Z, _, Y = self.simulator.kernel.linearise(
-                nodes.starts[value], cut.segments[value], p[value], cut.reads, self.moving
+                nodes.starts[block], cut.segments[block], p[block], cut.reads, self.moving
             )
-            G = chained(cut, Z, starts_by_p[:, :, self.moving], self.loose, value, before)
+            G = chained(cut, Z, starts_by_p[:, :, self.moving], self.loose, block, before)
             before = G[-1], Z[-1]
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
             J[:, :, :count] += Y[..., size:].reshape(lanes, reads * outputs, -1)
             J = J.reshape(lanes, reads, outputs, -1)
-            J *= weight[value, ..., None]
-            yield value, J
+            J *= weight[block, ..., None]
+            yield block, J
 
 
 def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:

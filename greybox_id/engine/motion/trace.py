@@ -263,7 +263,7 @@ class MotionTrace:
         result.model = model
         return result
 
-    def told(self, names: Sequence[str]) -> cs.Function:
+    def named_values(self, names: Sequence[str]) -> cs.Function:
         """(z, s, p) -> states, inputs, quantities and scaled combinations by name, just after a segment began.
 
         Raises `BadModel` for an unknown name.
@@ -468,8 +468,8 @@ class _Segment:
         begin = sum(a * b for a, b in zip(begin_by, moved, strict=True))
         self.lines: dict[str, tuple[Symbol, Symbol]] = {}
         for name, value, slope in zip(model.inputs, values, slopes, strict=True):
-            entry = begin - moved[delayed.index(name)] if name in delayed else begin
-            first = value + slope * entry
+            offset = begin - moved[delayed.index(name)] if name in delayed else begin
+            first = value + slope * offset
             self.lines[name] = (first, first + slope * self.h)
 
 

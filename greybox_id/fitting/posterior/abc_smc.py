@@ -108,8 +108,8 @@ def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
                 f"abc-smc draws from the priors, but {one.name} has neither a prior nor two finite bounds. Fit again "
                 f"with ‹prior› {one.name}, or use mcmc."
             )
-        given = parameter.array if prior is None or prior.mean is None else np.asarray(prior.mean, dtype=float)
-        mean = float(np.broadcast_to(given, parameter.shape).flat[one.entry])
+        prior_mean = parameter.array if prior is None or prior.mean is None else np.asarray(prior.mean, dtype=float)
+        mean = float(np.broadcast_to(prior_mean, parameter.shape).flat[one.entry])
         result.append(ParticlePrior(mean, sd, float(low), float(high)))
     return tuple(result)
 

@@ -160,8 +160,8 @@ def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
             for entry, name in enumerate(entry_names(parameter)):
                 place = int((problem.parameters.index[0] if index is None else index)[numbers.start + entry])
                 if problem.free[place]:
-                    value = name if run is None else f"{name}@{run + 1}"
-                    result.append((DrawnNumber(value, parameter.unit, parameter.name, entry, run), place))
+                    column = name if run is None else f"{name}@{run + 1}"
+                    result.append((DrawnNumber(column, parameter.unit, parameter.name, entry, run), place))
     return result
 
 

@@ -286,8 +286,8 @@ class Posterior:
         Weighted draws are resampled to equal weights and make one chain. ArviZ itself is not needed.
         """
         if self.weighted:
-            value = self.chosen(len(self))
-            return {"posterior": {name: value[None, :, k] for k, name in enumerate(self.names)}}
+            draws = self.chosen(len(self))
+            return {"posterior": {name: draws[None, :, k] for k, name in enumerate(self.names)}}
         return {
             "posterior": {name: self._chains(self.values[:, k]) for k, name in enumerate(self.names)},
             "sample_stats": {"lp": self._chains(self.measure)},

@@ -320,11 +320,11 @@ def _restored(before: Posterior) -> tuple[ParticleSet, Growing | None]:
         int(state["population"]), before.values, before.weight, before.measure, float(state["threshold"]),
         before.acceptance,
     )  # fmt: skip
-    value = state.get("growing")
-    if value is None:
+    stored = state.get("growing")
+    if stored is None:
         return particle_set, None
-    at = np.array(value["at"], dtype=float).reshape(-1, before.values.shape[1])
-    distance = np.array(value["distance"], dtype=float)
+    at = np.array(stored["at"], dtype=float).reshape(-1, before.values.shape[1])
+    distance = np.array(stored["distance"], dtype=float)
     return particle_set, Growing(
-        particle_set, float(value["threshold"]), int(value["batches"]), int(value["simulated"]), at, distance
+        particle_set, float(stored["threshold"]), int(stored["batches"]), int(stored["simulated"]), at, distance
     )

@@ -176,8 +176,8 @@ class Timing:
         runs: dict[str, dict[str, dict[str, float]]] = {}
         for outputs, several in self.delays.items():
             for item in several:
-                known = runs.setdefault(str(item.run + 1), {})
-                known |= {output: {"delay": item.delay, "sd": item.sd} for output in outputs}
+                of_run = runs.setdefault(str(item.run + 1), {})
+                of_run |= {output: {"delay": item.delay, "sd": item.sd} for output in outputs}
         return {"seconds": self.seconds, "runs": runs}
 
 
@@ -254,8 +254,8 @@ def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CA
     """
     parts = parts_of(must_have_timing(fit.model))
     noise = residual_noise(fit, recording)
-    known = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts}
-    timing = Timing(seconds, known)
+    delays_of_parts = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts}
+    timing = Timing(seconds, delays_of_parts)
     if seconds is not None and np.all(timing.looked_at(recording)):
         raise BadInput(
             f"‹calibrate›: {seconds:g} s of motion at the start of each run are used to estimate its delay, and "

@@ -246,8 +246,8 @@ def _estimation(fit: Fit) -> Iterator[Reason]:
 def _steps(fit: Fit) -> Iterator[Reason]:
     """A reason if an effect that rounds an input may as well be absent."""
     rounded = fit.model.rounded if isinstance(fit.model, MotionModel) else {}
-    known = [(name, fit.model[name], fit.interval(name)) for name in rounded if name in fit.sd]
-    none = [name for name, p, (low, high) in known if p.null is not None and low <= p.null <= high]
+    sizes = [(name, fit.model[name], fit.interval(name)) for name in rounded if name in fit.sd]
+    none = [name for name, p, (low, high) in sizes if p.null is not None and low <= p.null <= high]
     if none:
         yield Reason(
             WITH_CARE,
@@ -275,8 +275,8 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
             if item.kind == "explained" and any(effect in item.sentence for effect in fit.model.effects):
                 continue  # the fit has the effect that the check proposes
             holes = item.kind == "missing" and (item.value or 0.0) <= HOLES * _rows(fit, role)
-            whole = item.where.run is None and not holes and role == TRAINED and item.severity is Severity.DISTRUST
-            yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {item.sentence}")
+            throughout = item.where.run is None and not holes and role == TRAINED and item.severity is Severity.DISTRUST
+            yield Reason(NOT_USABLE if throughout else WITH_CARE, f"Data check{where}: {item.sentence}")
 
 
 def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
@@ -313,9 +313,7 @@ def _predicted(scores: Scores, persistence: Scores, unfitted: Scores, what: str)
     for output in outputs:
         errors = {name: scores[name][output] for name in judged if output in scores[name]}
         unexplained = [_unexplained(error) for error in errors.values()]
-        by_hold = [
-            _ratio(e, persistence.get(name, {}).get(output)) for name, e in errors.items() if name in persistence
-        ]
+        by_hold = [_ratio(e, persistence.get(n, {}).get(output)) for n, e in errors.items() if n in persistence]
         if min(unexplained) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
             useless.append(output)
         elif by_hold and np.nanmedian(by_hold) > 1.0:

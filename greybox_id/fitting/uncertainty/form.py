@@ -296,8 +296,8 @@ class _OutputSeries:
         unit = 1.0 / self.weight[self.read]
         square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
         parts, words = [self.columns[self.read] * sizes * unit[:, None]], list(self.words)
-        for one, entry in of_inputs:
-            parts.append(one.effect[self.read, self.place] * entry)
+        for one, sizes_of_input in of_inputs:
+            parts.append(one.effect[self.read, self.place] * sizes_of_input)
             words += one.words
         table = np.hstack(parts)
         on = {
@@ -464,27 +464,27 @@ def _normal_equations(
     g[:count] = problem.prior_gradient(x)[kept]
     first_loose = problem.parameters.size
     alone = [OutputEquations(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in series]
-    theirs = list(problem.rows_of_intervals(nodes))
+    rows_of_intervals = list(problem.rows_of_intervals(nodes))
     loose_of = [index >= first_loose for index in problem.layout.index]
     eliminated = [StartEquations.of(int(np.sum(loose)), len(g)) for loose in loose_of]
     for k, begin, residuals, J in problem.parts(x, nodes):
-        rows = theirs[k][begin : begin + len(residuals)]
+        rows = rows_of_intervals[k][begin : begin + len(residuals)]
         chosen = rows % every == 0
         rows, residuals, J = rows[chosen] // every, residuals[chosen], J[chosen]
         index, loose = problem.layout.index[k], loose_of[k]
-        there = kept[index]
-        at = place[index[there]]
+        kept_of_interval = kept[index]
+        at = place[index[kept_of_interval]]
         for one, first, squares in zip(series, firsts[:-1], alone, strict=True):
             scale = 1.0 / np.sqrt(one.alone)
             r, by_p = residuals[:, one.place] * scale, J[:, one.place] * scale
             elsewhere = (r == 0.0) & np.all(by_p == 0.0, axis=1)  # in another part, or without a reading
-            here = np.where(elsewhere, 0.0, scale)[:, None]
+            row_scale = np.where(elsewhere, 0.0, scale)[:, None]
             wide = np.zeros((len(rows), len(g)))
-            wide[:, at] = by_p[:, there]
-            wide[:, first : first + one.columns.shape[1]] = one.columns[rows] * here
-            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows][:, None] * here)
+            wide[:, at] = by_p[:, kept_of_interval]
+            wide[:, first : first + one.columns.shape[1]] = one.columns[rows] * row_scale
+            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows][:, None] * row_scale)
             for later in np.unique(part[rows][part[rows] > 0]):
-                wide[:, last + count * (later - 1) + at] = by_p[:, there] * (part[rows] == later)[:, None]
+                wide[:, last + count * (later - 1) + at] = by_p[:, kept_of_interval] * (part[rows] == later)[:, None]
             squares.add(wide, r)
             eliminated[k].add(by_p[:, loose], wide, r)
     H += sum(one.H for one in alone)

@@ -152,10 +152,10 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
             else:
                 H[g][np.ix_(among, among)] += flat.T @ flat
             scores[g, among] += flat.T @ residuals[rows].ravel()
-    whole = np.zeros((len(kept), size))  # change of all unknowns with a kept one
-    whole[kept], whole[local] = np.eye(size), -pull
+    responses = np.zeros((len(kept), size))  # change of all unknowns with a kept one
+    responses[kept], responses[local] = np.eye(size), -pull
     return Blocks(
-        kept, H, scores, whole.T @ (P @ whole), pull, local_covariance, independent, dof,
+        kept, H, scores, responses.T @ (P @ responses), pull, local_covariance, independent, dof,
         float(plan.first[-1]) / count, plan.correlation, plan.variance,
     )  # fmt: skip
 

@@ -110,8 +110,8 @@ def _suggested(
     noise = np.array([fit.how["counted"][name] for name in fit.model.outputs])
     weight = problem.weight / noise
     error = (problem.target - problem.predicted_readings(problem.unknowns(fit.model.values)[None])[0]) * weight
-    seen = np.isfinite(error) & (weight > 0)
-    error, weight = np.where(seen, error, 0.0).ravel(), np.where(seen, weight, 0.0).ravel()
+    read = np.isfinite(error) & (weight > 0)
+    error, weight = np.where(read, error, 0.0).ravel(), np.where(read, weight, 0.0).ravel()
     prior_curvature, prior_gradient = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
     for k, p in enumerate(free):
         if p.prior is not None and p.prior.mean is not None:
@@ -124,13 +124,13 @@ def _suggested(
         table = np.column_stack([*(follows[p.name] for p in free), effect]) * weight[:, None]
         H = np.array([table[rows].T @ table[rows] for rows in blocks])
         g = np.array([table[rows].T @ error[rows] for rows in blocks])
-        whole, gradient = H.sum(axis=0) + prior_curvature, g.sum(axis=0) + prior_gradient
-        compensation = _solved(whole[:-1, :-1], whole[:-1, -1])
-        if whole[-1, -1] - whole[-1, :-1] @ compensation < EXACTLY * whole[-1, -1]:
+        total, gradient = H.sum(axis=0) + prior_curvature, g.sum(axis=0) + prior_gradient
+        compensation = _solved(total[:-1, :-1], total[:-1, -1])
+        if total[-1, -1] - total[-1, :-1] @ compensation < EXACTLY * total[-1, -1]:
             continue  # neither readings nor tolerances determine it
-        steps = [_solved(whole, gradient)[-1], *(_solved(whole - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
+        steps = [_solved(total, gradient)[-1], *(_solved(total - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
         row_variance = (BLOCKS - 1) * float(np.var(steps[1:]))
-        follows_of = _solved(whole, np.eye(len(whole))[-1])  # change of the fact with the mean of a tolerance
+        follows_of = _solved(total, np.eye(len(total))[-1])  # change of the fact with the mean of a tolerance
         result[fact] = (float(steps[0]), float(np.sqrt(row_variance + follows_of @ prior_curvature @ follows_of)))
     return result
 

@@ -159,7 +159,7 @@ class ForceSizes:
         trace = bench.simulator.trace
         self.forces = [force for force, (name, _) in FORCES.items() if name in bench.model]
         requested = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
-        self._evaluated = SampledFunction(trace.told(tuple(requested)))
+        self._evaluated = SampledFunction(trace.named_values(tuple(requested)))
         self._requested = requested
 
     def __call__(self, z: Array, segments: Array, p: Array) -> Array:
