@@ -1,1 +1,1 @@
-"""What every room stands on: errors, units, numbers, files, processes."""
+"""Foundations of all rooms: errors, units, numbers, files, processes."""

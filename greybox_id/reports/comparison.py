@@ -53,7 +53,7 @@ class Paired:
     blocks: int
 
     @property
-    def told(self) -> bool:
+    def significant(self) -> bool:
         """Whether the interval excludes zero."""
         return bool(np.isfinite(self.low) and (self.low > 0 or self.high < 0))
 
@@ -67,20 +67,21 @@ def paired(first: Array, second: Array, run: Array, sample_time: float) -> Paire
     run : (n,) number of each row's run.
     sample_time : s.
     """
-    one, other = first**2, second**2
-    off = other - one - np.mean(other - one)
-    length = max(round(LEAST_SECONDS / sample_time), round(TIMES * correlation_time(off[:, None])), 1)
+    first_squares, second_squares = first**2, second**2
+    centred = second_squares - first_squares - np.mean(second_squares - first_squares)
+    length = max(round(LEAST_SECONDS / sample_time), round(TIMES * correlation_time(centred[:, None])), 1)
     blocks: list[tuple[float, float, int]] = []
     for number_ in np.unique(run):
         rows = np.flatnonzero(run == number_)
         count = max(1, len(rows) // length)
         blocks += [
-            (float(one[part].sum()), float(other[part].sum()), len(part)) for part in np.array_split(rows, count)
+            (float(first_squares[part].sum()), float(second_squares[part].sum()), len(part))
+            for part in np.array_split(rows, count)
         ]
     low, high = resampled(np.array(blocks), _difference, DRAWS) if len(blocks) >= LEAST_BLOCKS else (np.nan, np.nan)
     return Paired(
-        float(np.sqrt(one.mean())), float(np.sqrt(other.mean())), float(low), float(high), length * sample_time,
-        len(blocks),
+        float(np.sqrt(first_squares.mean())), float(np.sqrt(second_squares.mean())), float(low), float(high),
+        length * sample_time, len(blocks),
     )  # fmt: skip
 
 
@@ -103,8 +104,8 @@ def pairs_of(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:
             parts = [part for part in parts if len(part[0])]
             if parts:
                 runs = np.concatenate([part[2] + 1000 * k for k, part in enumerate(parts)])
-                value, others = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-                result[output, protocol] = paired(value, others, runs, first[protocol][0][0].sample_time)
+                first_errors, second_errors = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+                result[output, protocol] = paired(first_errors, second_errors, runs, first[protocol][0][0].sample_time)
     return result
 
 
@@ -120,8 +121,8 @@ def _together(
         errors.append((item.rows, item.predicted[:, k] - item.measured[:, k], item.run))
     _, at, also = np.intersect1d(errors[0][0], errors[1][0], return_indices=True)
     first, second, run = errors[0][1][at], errors[1][1][also], errors[0][2][at]
-    known = np.isfinite(first) & np.isfinite(second)
-    return first[known], second[known], run[known]
+    finite = np.isfinite(first) & np.isfinite(second)
+    return first[finite], second[finite], run[finite]
 
 
 COLOURS = (INK, BLUE, ORANGE, PURPLE, RUST)
@@ -184,9 +185,9 @@ def common_role(fits: Sequence[NamedFit]) -> str | None:
 
 
 def _judged(named_fit: NamedFit, role: str) -> Judged:
-    every = seen(named_fit.fit.model, named_fit.fit, named_fit.recordings)
+    predicted = seen(named_fit.fit.model, named_fit.fit, named_fit.recordings)
     result: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
-    for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
+    for one in sorted((one for one in predicted if one.role == role), key=lambda one: one.recording.source.sha256):
         for protocol, prediction in one.predicted.items():
             name = FREE_RUN if protocol == OWN_PREDICTIONS else protocol
             result.setdefault(name, []).append((one.recording, one.outputs, prediction))
@@ -206,7 +207,7 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
         if protocol == main:
             ratio = pair.second / pair.first if pair.first > 0 else float("nan")
             size = percent(abs(ratio - 1.0))
-            word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if pair.told else "no different"
+            word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if pair.significant else "no different"
             clauses.append(f"{word if np.isfinite(pair.low) else 'indistinguishable'} in {signal_words(output)}")
     how = "in free run" if main == FREE_RUN else _protocol(main)
     return name, f"On {judged}, its errors {how} compare with those of {base} as follows: {listed(clauses)}."
@@ -224,7 +225,7 @@ def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Tab
         rows.append(
             (
                 words if words != before else "", _protocol(protocol), number(item.first), number(item.second),
-                number(item.second - item.first, 2), interval + (" *" if item.told else ""),
+                number(item.second - item.first, 2), interval + (" *" if item.significant else ""),
                 f"{item.blocks} of {item.seconds:.1f} s",
             )
         )  # fmt: skip

@@ -138,9 +138,9 @@ def scalars(fit: Fit, parameters: Sequence[Parameter] | None = None, notes: dict
     notes : name -> note in addition to those of the fit.
     """
     chosen = fit.model.parameters if parameters is None else parameters
-    stated = fit.notes()
+    fit_notes = fit.notes()
     rows = [
-        _row(fit, p, [words[p.name] for words in (stated, notes or {}) if p.name in words])
+        _row(fit, p, [words[p.name] for words in (fit_notes, notes or {}) if p.name in words])
         for p in chosen
         if not p.shape
     ]
@@ -199,8 +199,8 @@ def starts_table(fit: Fit, stage: Stage) -> Table:
     for k, objective in enumerate(stage.starts[:MOST_STARTS]):
         name = max(spread, key=lambda item: abs(spread[item][k][0]))
         above = (objective - best) / abs(best) if best else float("nan")
-        off = spread[name][k][0]
-        where = (name, f"{number(off, 2)} sd") if abs(off) >= LEAST_OFF else ("–", "–")
+        distance = spread[name][k][0]
+        where = (name, f"{number(distance, 2)} sd") if abs(distance) >= LEAST_OFF else ("–", "–")
         rows.append((str(k + 1), number(objective, 6), percent(above) if above > NOTHING else "–", *where))
     head = ("start", "objective", "above the best", "furthest off", "by")
     return Table(head, tuple(rows), "lrrlr")

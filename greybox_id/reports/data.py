@@ -34,7 +34,7 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
     recordings : those of a fit.
     signals : inputs and outputs of its model.
     """
-    value = [one.recording for one in recordings]
+    data = [one.recording for one in recordings]
     where = Drawing(
         "excitation",
         excitation(recordings),
@@ -42,7 +42,7 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
         "extrapolates.",
         "Maps of the samples over speed and lateral acceleration, training and validation.",
     )
-    return titled("Data", applied(value, signals), *_findings(value), where)
+    return titled("Data", applied(data, signals), *_findings(data), where)
 
 
 def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
@@ -104,14 +104,14 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
     parts: list[Part] = []
     for recording in recordings:
         stop = next((end for _, end in recording.runs if end >= MOST_ROWS), len(recording))
-        whole = stop == len(recording)
-        result = check(recording if whole else recording.rows(0, stop))
-        part = "" if whole else f" (checked up to row {stop})"
-        if not result:
+        complete = stop == len(recording)
+        findings = check(recording if complete else recording.rows(0, stop))
+        part = "" if complete else f" (checked up to row {stop})"
+        if not findings:
             parts.append(Text("nothing noteworthy was found.", lead=f"{recording.name}{part}:"))
             continue
-        more = len(result) - MOST_FINDINGS
-        items = [_said(item) for item in result[:MOST_FINDINGS]]
+        more = len(findings) - MOST_FINDINGS
+        items = [_said(item) for item in findings[:MOST_FINDINGS]]
         if more > 0:
             items.append(f"and {counted(more, 'finding')} more; greybox data check lists all.")
         parts += [Text("", lead=f"Findings in recording {recording.name}{part}"), Points(tuple(items))]

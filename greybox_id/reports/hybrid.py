@@ -25,7 +25,7 @@ from .figures.estimates import convergence
 from .recordings import Seen, matched
 from .report import Sections, errors, how_good, sections, seen
 
-SAID = "z"
+NETWORK_OUTPUT = "z"
 """Symbol of the network's output."""
 
 
@@ -42,7 +42,7 @@ def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
             if parameter.shape == ()
         }
     )
-    z = [read.named(Symbol(SAID, (k + 1,))) for k in range(model.network.outputs)]
+    z = [read.named(Symbol(NETWORK_OUTPUT, (k + 1,))) for k in range(model.network.outputs)]
     rates, quantities = model.physics(x, u, p, z)
     target = [*model.estimates, *(name for name in model.outputs if name not in model.estimates)]
     result = [Equation(Symbol(name), read(quantities[name])) for name in target if name in quantities]
@@ -118,27 +118,27 @@ def _seen(model: HybridModel, fit: Fit, recordings: Sequence[Recording]) -> Sequ
     for record, recording in zip(fit.data, matched(fit, recordings), strict=True):
         read = {name: values for name in model.outputs if (values := model.read(name, recording)) is not None}
         free = hybrid_predictions(model, recording).of([model.outputs.index(name) for name in read])
-        whole = recording.with_signals(**{name: values for name, values in read.items() if name not in recording})
-        result.append(Seen(record.role, whole, tuple(read), {FREE_RUN: free}))
+        extended = recording.with_signals(**{name: values for name, values in read.items() if name not in recording})
+        result.append(Seen(record.role, extended, tuple(read), {FREE_RUN: free}))
     return tuple(result)
 
 
 def _against(fit: Fit) -> str:
     role = "validate" if "validate" in fit.metrics else "train"
-    value, noise, trained = fit.metrics[role][FREE_RUN], fit.stages[-1].noise, fit.metrics["train"][FREE_RUN]
-    beside = [
+    scores, noise, trained = fit.metrics[role][FREE_RUN], fit.stages[-1].noise, fit.metrics["train"][FREE_RUN]
+    to_noise = [
         f"{number(e['rmse'] / noise[name], 2)} in {signal_words(name)}"
-        for name, e in value.items()
+        for name, e in scores.items()
         if noise.get(name, 0.0) > 0
     ]
-    grown = [
+    to_training = [
         f"{number(e['rmse'] / trained[name]['rmse'], 2)} in {signal_words(name)}"
-        for name, e in value.items()
+        for name, e in scores.items()
         if name in trained and trained[name]["rmse"] > 0
     ]
-    against = f"This RMSE divided by the noise of the readings is {listed(beside) or 'not known'}."
+    against = f"This RMSE divided by the noise of the readings is {listed(to_noise) or 'not known'}."
     if role == "validate":
-        against += f" Divided by the RMSE on the training data, it is {listed(grown) or 'not known'}."
+        against += f" Divided by the RMSE on the training data, it is {listed(to_training) or 'not known'}."
     return against
 
 
@@ -152,8 +152,8 @@ def _trained(fit: Fit) -> str:
 
 
 def _estimates(fit: Fit, runs: Sequence[Seen]) -> Drawing:
-    every = [apply_hybrid(fit, one.recording).columns for one in runs]
-    values: Mapping[str, Array] = {name: np.concatenate([item[name] for item in every]) for name in every[0]}
+    estimated = [apply_hybrid(fit, one.recording).columns for one in runs]
+    values: Mapping[str, Array] = {name: np.concatenate([item[name] for item in estimated]) for name in estimated[0]}
     return Drawing(
         "forces_over_slip",
         forces_over_slip(values),

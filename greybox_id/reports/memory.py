@@ -113,7 +113,7 @@ PROTOCOL_MEANING = {
 
 
 @dataclass(frozen=True)
-class Yardstick:
+class PersistenceErrors:
     """Errors of persistence for one output, on the recordings of one role.
 
     Attributes
@@ -131,14 +131,14 @@ def _sections(
     model: MemoryModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
 ) -> Sections:
     drives = memory_seen(model, fit, recordings)
-    measures = yardsticks(fit, drives)
+    persistence = persistence_errors(fit, drives)
     protocols = (Text(PROTOCOL_MEANING[p], lead=f"{capital(PROTOCOL_WORDS[p])}:") for p in fit.metrics["train"])
     parameters = scalars(fit)
     return Sections(
         runs=drives,
-        verdict=tuple(zip(LEADS, verdict(model, fit, drives, measures), strict=True)),
+        verdict=tuple(zip(LEADS, verdict(model, fit, drives, persistence), strict=True)),
         provenance=_provenance(model, fit),
-        judged=titled("Errors", _errors(fit, measures), Text(ERRORS), _boxes(fit, drives), *protocols),
+        judged=titled("Errors", _errors(fit, persistence), Text(ERRORS), _boxes(fit, drives), *protocols),
         learned=(
             *titled("What the model has learned", *_learned(model, fit, drives)),
             *titled("Parameters", parameters, Text(INTERVALS if parameters.rows else ""), _arrays(fit)),
@@ -159,9 +159,9 @@ def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -
     )
 
 
-def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yardstick]]:
+def persistence_errors(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, PersistenceErrors]]:
     """Role -> output -> errors of persistence."""
-    result: dict[str, dict[str, Yardstick]] = {}
+    result: dict[str, dict[str, PersistenceErrors]] = {}
     for role in dict.fromkeys(one.role for one in recordings):
         result[role] = {}
         for k, name in enumerate(fit.model.outputs):
@@ -172,17 +172,17 @@ def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yard
                 steps.append(one.recording[name][scored.rows] - one.recording[name][scored.rows - 1])
             moved, variance = np.concatenate(steps), float(np.var(np.concatenate(values)))
             fvu = float(np.var(moved)) / variance if variance > 0 else float("nan")
-            result[role][name] = Yardstick(float(np.sqrt(np.mean(moved**2))), fvu)
+            result[role][name] = PersistenceErrors(float(np.sqrt(np.mean(moved**2))), fvu)
     return result
 
 
 def verdict(
-    model: MemoryModel, fit: Fit, recordings: Sequence[Seen], measures: Mapping[str, Mapping[str, Yardstick]]
+    model: MemoryModel, fit: Fit, recordings: Sequence[Seen], persistence: Mapping[str, Mapping[str, PersistenceErrors]]
 ) -> tuple[str, ...]:
     """Three sentences that hold for any numbers: accuracy, comparisons, choice of the regularisation."""
     role = "validate" if "validate" in fit.metrics else "train"
     main = "closed_loop" if model.feedback is not None else "honest"  # closed loop if the model has one
-    return _how_good(fit, recordings, role, main), _against_what(fit, role, measures[role], main), _how_chosen(fit)
+    return _how_good(fit, recordings, role, main), _against_what(fit, role, persistence[role], main), _how_chosen(fit)
 
 
 def _how_good(fit: Fit, recordings: Sequence[Seen], role: str, main: str) -> str:
@@ -204,24 +204,24 @@ def _unexplained(error: Mapping[str, float]) -> str:
     return f"{percent(fvu)} of the variance unexplained"
 
 
-def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: str) -> str:
-    held = [
-        f"{_factor(fit.metrics[role]['honest'][name]['rmse'], measure.held)} in {signal_words(name)}"
-        for name, measure in measures.items()
+def _against_what(fit: Fit, role: str, persistence: Mapping[str, PersistenceErrors], main: str) -> str:
+    to_persistence = [
+        f"{_factor(fit.metrics[role]['honest'][name]['rmse'], of_output.held)} in {signal_words(name)}"
+        for name, of_output in persistence.items()
     ]
     text = (
         "One sample ahead on measured inputs, the RMSE of the model divided by that of persistence, which keeps the "
         "last "
-        f"reading, is {listed(held)}"
+        f"reading, is {listed(to_persistence)}"
     )
     if role == "train":
         return f"{text}. The error on held-out recordings is not known."
-    value = "on its own predictions" if main == "closed_loop" else "one sample ahead"
-    grown = [
+    mode = "on its own predictions" if main == "closed_loop" else "one sample ahead"
+    to_training = [
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
         for name, error in fit.metrics[role][main].items()
     ]
-    return f"{text}. {capital(value)}, the RMSE divided by that on the training data is {listed(grown)}."
+    return f"{text}. {capital(mode)}, the RMSE divided by that on the training data is {listed(to_training)}."
 
 
 def _factor(value: float, reference: float) -> str:
@@ -247,7 +247,7 @@ def _provenance(model: MemoryModel, fit: Fit) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
+def _errors(fit: Fit, persistence: Mapping[str, Mapping[str, PersistenceErrors]]) -> Table:
     roles = [role for role in ROLE_WORDS if role in fit.metrics]
     head = ["output", "protocol", *(f"{ROLE_WORDS[r]}: {what}" for r in roles for what in ("RMSE", "FVU"))]
     rows = []
@@ -258,7 +258,7 @@ def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
             words = [w for e in cells for w in (with_sd(e["rmse"], e["rmse_sd"]), percent(e["fvu"]))]
             rows.append((output, PROTOCOL_WORDS[protocol], *words))
             output = ""
-        held = [measures[role][name] for role in roles]
+        held = [persistence[role][name] for role in roles]
         words = [w for m in held for w in (number(m.held), percent(m.held_fvu))]
         rows.append(("", "persistence", *words))
     return Table(tuple(head), tuple(rows), "ll" + "R" * (len(head) - 2))

@@ -165,8 +165,8 @@ def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str
 
 
 def _against_training(fit: Fit) -> str:
-    value, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
-    ratios = {name: _ratio(value[name]["rmse"], train[name]["rmse"]) for name in value if name in train}
+    validated, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
+    ratios = {name: _ratio(validated[name]["rmse"], train[name]["rmse"]) for name in validated if name in train}
     return f" It is {_times(ratios, 'the RMSE in free run on the training data')}." if ratios else ""
 
 
@@ -190,11 +190,11 @@ def _not_determined(fit: Fit) -> str:
     if not free:
         return "No parameter was free"
     bound = [p.name for p in free if not p.bounds[0] < float(p.array) < p.bounds[1]]
-    result = left_open(fit)
-    if result is None:
+    identifiability = left_open(fit)
+    if identifiability is None:
         return "How well the parameters are determined is not known, because the fit kept no covariance"
-    weak = [name for name in result.undetermined if name not in bound]
-    pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
+    weak = [name for name in identifiability.undetermined if name not in bound]
+    pairs = [f"{pair.first} with {pair.second}" for pair in identifiability.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
     although = ", and model errors widen its interval" if len(far) == 1 and far[0] in weak else ""
     count = counted(len(free), "free parameter")
@@ -206,10 +206,10 @@ def _not_determined(fit: Fit) -> str:
         f"{_first(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}" if bound else "",
         f"{_first(far)} {'lies' if len(far) == 1 else 'lie'} far from the prior{although}" if far else "",
     ]
-    stated = [sentence for sentence in sentences if sentence]
-    if not stated:
+    clauses = [sentence for sentence in sentences if sentence]
+    if not clauses:
         return f"{'Each of the ' if len(free) > 1 else 'Its '}{count} is determined"
-    return ". ".join(stated)
+    return ". ".join(clauses)
 
 
 def _first(names: Sequence[str]) -> str:
@@ -271,11 +271,11 @@ def estimates(fit: Fit) -> tuple[Part, ...]:
 
 def _held(fit: Fit) -> tuple[str, ...]:
     """Sentences on parameters that were fixed."""
-    held = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
-    known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
-    nothing = [p.name for p in held if not float(p.array)]
-    stated = [f"Fixed: {', '.join(known)}."] if known else []
-    return (*stated, f"Fixed at zero: {', '.join(nothing)}.") if nothing else tuple(stated)
+    fixed = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
+    nonzero = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in fixed if float(p.array)]
+    zero = [p.name for p in fixed if not float(p.array)]
+    sentences = [f"Fixed: {', '.join(nonzero)}."] if nonzero else []
+    return (*sentences, f"Fixed at zero: {', '.join(zero)}.") if zero else tuple(sentences)
 
 
 def _printed(sentence: str) -> str:
@@ -284,13 +284,13 @@ def _printed(sentence: str) -> str:
 
 
 def _combinations(fit: Fit) -> Table:
-    known = [one for one in fit.combined() if np.isfinite(one.sd) and one.sd > 0]
+    estimated = [one for one in fit.combined() if np.isfinite(one.sd) and one.sd > 0]
     rows = tuple(
         (
             one.name, one.about, with_sd(one.value, one.sd), interval(one.low, one.high, one.sd), pretty_unit(one.unit),
             percent(one.sd / abs(one.value)) if one.value else "–",
         )
-        for one in known
+        for one in estimated
     )  # fmt: skip
     return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows, "lLrrlr")
 

@@ -44,17 +44,17 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     BadInput : if the posterior is of another fit or has no draws.
     """
     one = shown_first(drives)
-    result = predictive_band(fit, posterior, one.recording)
+    predictive = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
-    met = f" R-hat is at most {worst:.3f}." if np.isfinite(worst) else ""
+    r_hat = f" R-hat is at most {worst:.3f}." if np.isfinite(worst) else ""
     words = (
-        f"{len(posterior)} draws {HOW[posterior.method]}.{met} Their effective number (ESS) is at least {least:.0f}. "
+        f"{len(posterior)} draws {HOW[posterior.method]}.{r_hat} Their effective number (ESS) is at least {least:.0f}. "
         f"{NOISE_ALONE}"
     )
     cautions = posterior.cautions()
     return titled(
         "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),
-        _corner(fit, posterior), _bands(fit, result, one),
+        _corner(fit, posterior), _bands(fit, predictive, one),
     )  # fmt: skip
 
 
@@ -63,12 +63,12 @@ def _table(fit: Fit, posterior: Posterior) -> Table:
     for coordinate in posterior.coordinates:
         row = {name: float(rows[name].loc[coordinate.name]) for name in rows if name != "unit"}
         single = coordinate.run is None and fit.model[coordinate.parameter].shape == ()
-        stated = float(fit.sd[coordinate.parameter]) if single else np.nan
-        value = float(fit.model[coordinate.parameter].array) if single else np.nan
+        fit_sd = float(fit.sd[coordinate.parameter]) if single else np.nan
+        estimate = float(fit.model[coordinate.parameter].array) if single else np.nan
         body.append((
             coordinate.name, number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
             interval(row["low_noise_alone"], row["high_noise_alone"], row["sd_noise_alone"]),
-            pretty_unit(coordinate.unit), number(value) if single else "–", number(stated) if single else "–",
+            pretty_unit(coordinate.unit), number(estimate) if single else "–", number(fit_sd) if single else "–",
             f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–", f"{row['ess']:.0f}",
         ))  # fmt: skip
     head = ("parameter", "mean", "sd", "95 % interval", "95 %, noise alone", "unit", "fit", "fit's sd", "R-hat", "ESS")
@@ -88,14 +88,14 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
             and fit.model[coordinate.parameter].shape == ()
             and float(fit.sd[coordinate.parameter]) > 0
         }
-        kept = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
-        names = [name for name in names if name in kept]
+        most_shifted = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
+        names = [name for name in names if name in most_shifted]
     columns = [posterior.names.index(name) for name in names]
     widened, alone = (
         posterior.chosen(min(len(posterior), DRAWS), noise_alone=noise)[:, columns] for noise in (False, True)
     )
-    left = len(posterior.names) - len(names)
-    more = f" The {left} parameters whose mean is nearest to the fit are not shown." if left else ""
+    omitted = len(posterior.names) - len(names)
+    more = f" The {omitted} parameters whose mean is nearest to the fit are not shown." if omitted else ""
     return Drawing(
         "corner", corner(widened, alone, names, [posterior.coordinates[k].unit for k in columns]),
         "Draws of the posterior: each parameter on the diagonal, pairs below. They show curved or long shapes, which "
@@ -104,19 +104,19 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     )  # fmt: skip
 
 
-def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
-    coverage = it.coverage()
-    held = ", ".join(
+def _bands(fit: Fit, predictive: PredictiveBand, one: Driven) -> Drawing:
+    coverage = predictive.coverage()
+    shares = ", ".join(
         f"{100 * share:.1f} % of {signal_words(name)}"
         for name, share in zip(fit.model.outputs, coverage, strict=True)
         if np.isfinite(share)
     )
     where, seconds = stretch_words(one)
     return Drawing(
-        "bands", bands(fit, it, one.recording, typical_stretch(one)),
-        f"Free run of {it.draws} draws over {seconds} of {where}: the mean, and a band in which {100 * it.level:g} % "
-        "of the readings are expected. The band follows from the spread of the draws and of the fit's residuals. In "
-        f"the whole recording, the band holds {held}.",
+        "bands", bands(fit, predictive, one.recording, typical_stretch(one)),
+        f"Free run of {predictive.draws} draws over {seconds} of {where}: the mean, and a band in which "
+        f"{100 * predictive.level:g} % of the readings are expected. The band follows from the spread of the draws and "
+        f"of the fit's residuals. In the whole recording, the band holds {shares}.",
         "Measured signals with the band of predictions.",
     )  # fmt: skip
 

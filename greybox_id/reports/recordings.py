@@ -108,14 +108,14 @@ def typical_stretch(one: Seen) -> tuple[int, int]:
 def _mean_squares(part: Prediction, length: int) -> Array:
     """(windows, outputs) mean square of the residuals over every window of this length, without NaN."""
     residual = part.predicted - part.measured
-    known = np.isfinite(residual)
+    finite = np.isfinite(residual)
 
     def sums(values: Array) -> Array:
         total = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
         return np.asarray(total[length:] - total[:-length])
 
-    squares = np.where(known, residual, 0.0) ** 2
-    return np.asarray(sums(squares) / np.maximum(sums(known.astype(float)), 1.0))
+    squares = np.where(finite, residual, 0.0) ** 2
+    return np.asarray(sums(squares) / np.maximum(sums(finite.astype(float)), 1.0))
 
 
 def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:
@@ -207,11 +207,13 @@ def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
     """Role -> protocol -> output -> error of persistence."""
     result: dict[str, Errors] = {}
     for role in dict.fromkeys(one.role for one in recordings):
-        value = of_role(recordings, role)
-        outputs = tuple(name for name in value[0].outputs if all(name in one.outputs for one in value))
-        protocols = dict.fromkeys(protocol for one in value for protocol in one.held)
+        of_this_role = of_role(recordings, role)
+        outputs = tuple(name for name in of_this_role[0].outputs if all(name in one.outputs for one in of_this_role))
+        protocols = dict.fromkeys(protocol for one in of_this_role for protocol in one.held)
         result[role] = {
-            protocol: prediction_errors(outputs, _joined(value, protocol, outputs), value[0].recording.sample_time)
+            protocol: prediction_errors(
+                outputs, _joined(of_this_role, protocol, outputs), of_this_role[0].recording.sample_time
+            )
             for protocol in protocols
         }
     return result
@@ -220,8 +222,8 @@ def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
 def typical_speed(recordings: Sequence[Driven]) -> float:
     """Median of the recorded speed while moving, m/s; 1 if none was recorded."""
     speeds = [one.recording["v_x"] for one in recordings if "v_x" in one.recording]
-    known = np.concatenate([np.empty(0), *speeds])
-    moving = known[np.isfinite(known) & (known > MOVING * np.nanmax(known, initial=0.0))]
+    every_speed = np.concatenate([np.empty(0), *speeds])
+    moving = every_speed[np.isfinite(every_speed) & (every_speed > MOVING * np.nanmax(every_speed, initial=0.0))]
     return float(np.median(moving)) if len(moving) else 1.0
 
 
@@ -230,19 +232,19 @@ def _driven(
 ) -> Driven:
     predictor = Predictor(simulator, recording, model.values)
     each = zip(predictor.each_ahead(horizons), horizons, strict=True)
-    result = {ahead(horizon): (prediction, horizon) for prediction, horizon in each}
-    every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in result.items() if len(p[0].rows)}
-    every[FREE_RUN] = (predictor.free_run(), None)
-    rows = {ahead(h): (_rows_of(*next(iter(result.values())), h, predictor.runs), h) for h in HORIZONS}
-    kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
+    by_horizon = {ahead(horizon): (prediction, horizon) for prediction, horizon in each}
+    predictions: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in by_horizon.items() if len(p[0].rows)}
+    predictions[FREE_RUN] = (predictor.free_run(), None)
+    rows = {ahead(h): (_rows_of(*next(iter(by_horizon.values())), h, predictor.runs), h) for h in HORIZONS}
+    kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: predictions[FREE_RUN]}
     outputs = recorded_outputs(model, recording)
     columns = [model.outputs.index(name) for name in outputs]
-    soon, _ = next(iter(every.values()))
+    soon, _ = next(iter(predictions.values()))
     return Driven(
         role=record.role,
         recording=recording,
         outputs=outputs,
-        predicted={name: _of(item, columns) for name, (item, _) in every.items()},
+        predicted={name: _of(item, columns) for name, (item, _) in predictions.items()},
         held={name: _of(persisted(item, predictor.runs, horizon), columns) for name, (item, horizon) in kept.items()},
         quantities={
             name: values[np.isfinite(values)]
@@ -256,20 +258,20 @@ def _rows_of(prediction: Prediction, near: float, horizon: float, runs: Sequence
     """The rows that would be predicted over a horizon, derived from those predicted over a shorter one."""
     rows, number, measured = [], [], []
     for k, run in enumerate(runs):
-        first, later = (max(1, round(item / run.sample_time)) for item in (near, horizon))
-        value = prediction.rows[prediction.run == k] - run.rows.start - first + later
-        value = value[value < len(run)]
-        rows.append(run.rows.start + value)
-        number.append(np.full(len(value), k))
-        measured.append(run.measured[value])
+        near_steps, steps = (max(1, round(item / run.sample_time)) for item in (near, horizon))
+        later = prediction.rows[prediction.run == k] - run.rows.start - near_steps + steps
+        later = later[later < len(run)]
+        rows.append(run.rows.start + later)
+        number.append(np.full(len(later), k))
+        measured.append(run.measured[later])
     read = np.vstack(measured)
     return Prediction(np.concatenate(rows), np.full(read.shape, np.nan), read, np.concatenate(number))
 
 
 def _of(prediction: Prediction, columns: Sequence[int]) -> Prediction:
     """Some outputs of predictions, in the order of the recording's rows."""
-    value = prediction.taken(np.argsort(prediction.rows, kind="stable")).of(columns)
-    return replace(value, predicted=np.where(np.isinf(value.predicted), np.nan, value.predicted))
+    chosen = prediction.taken(np.argsort(prediction.rows, kind="stable")).of(columns)
+    return replace(chosen, predicted=np.where(np.isinf(chosen.predicted), np.nan, chosen.predicted))
 
 
 def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:
@@ -366,8 +368,8 @@ def _smooth(recording: Recording, name: str) -> Array:
 
 
 def _top(values: Array) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, 0.99)) if known.size else 0.0
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, 0.99)) if finite.size else 0.0
 
 
 def _stretches(quiet: NDArray[np.bool_], recording: Recording, seconds: float) -> list[tuple[int, int]]:

@@ -149,24 +149,24 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
         )
     if posterior is not None:
         must_suit_sampling(fit)
-    model, value = fit.model, sections(fit.model, fit, recordings, posterior)
-    runs, heard = value.runs, noise([one.recording for one in value.runs])
+    model, kind_sections = fit.model, sections(fit.model, fit, recordings, posterior)
+    runs, heard = kind_sections.runs, noise([one.recording for one in kind_sections.runs])
     signals = tuple(dict.fromkeys(name for one in runs for name in (*_recorded_inputs(model, one), *model.outputs)))
     inputs = _recorded_inputs(model, shown_first(runs))
     outputs = [name for name in model.outputs if any(name in one.outputs for one in runs)]
     parts = (
-        VerdictBox((*can_be_used(fit), *value.verdict)),
-        *titled("Provenance", recorded(fit), Pairs(value.provenance)),
-        *value.judged,
-        *titled("Measured and predicted", *trace_drawings(runs, value.beside)),
+        VerdictBox((*can_be_used(fit), *kind_sections.verdict)),
+        *titled("Provenance", recorded(fit), Pairs(kind_sections.provenance)),
+        *kind_sections.judged,
+        *titled("Measured and predicted", *trace_drawings(runs, kind_sections.beside)),
         *titled(
             "Residual analysis", residual_drawing(runs, inputs), spectrum_drawing(runs, heard),
             Text(noise_words(outputs, heard)),
         ),
-        *value.learned,
+        *kind_sections.learned,
         *data_parts(runs, signals),
         *limits(runs, signals),
-        *value.fitted,
+        *kind_sections.fitted,
     )  # fmt: skip
     training = [one for one in fit.data if one.role == "train"]
     title = heading("Fit", str(fit.how.get("vehicle") or model.name), training)

@@ -72,9 +72,9 @@ def steady_turns(model: MotionModel, steer: Array, v_x: float) -> Array | None:
     if len(unknown) != len(trace.names) or ("drive" in unknown and "drive" not in model.inputs):
         return None
     w, delta = cs.SX.sym("w", len(unknown)), cs.SX.sym("delta")
-    known = dict(zip(unknown, cs.vertsplit(w), strict=True)) | {"v_x": v_x, "steer": delta}
-    x = cs.vertcat(*[known[name] for name in trace.names])
-    rates = trace.rates(x, _segment(trace, known), model.values)
+    variables = dict(zip(unknown, cs.vertsplit(w), strict=True)) | {"v_x": v_x, "steer": delta}
+    x = cs.vertcat(*[variables[name] for name in trace.names])
+    rates = trace.rates(x, _segment(trace, variables), model.values)
     newton = cs.Function("newton", [w, delta], [rates, cs.jacobian(rates, w)])
     scales = {state.name: state.scale for state in model.states}
     scale = np.array([scales.get(name, 1.0) for name in unknown])
@@ -92,10 +92,10 @@ def steady_turns(model: MotionModel, steer: Array, v_x: float) -> Array | None:
 def _settle(newton: cs.Function, at: Array, steer: float, scale: Array, per_second: Array) -> Array | None:
     for _ in range(ROUNDS):
         rates, J = (np.asarray(value.full()) for value in newton(at, steer))
-        off = rates.ravel() / per_second
-        if not (np.all(np.isfinite(off)) and np.all(np.isfinite(J))):
+        residual = rates.ravel() / per_second
+        if not (np.all(np.isfinite(residual)) and np.all(np.isfinite(J))):
             return None
-        if np.max(np.abs(off)) < SETTLED:
+        if np.max(np.abs(residual)) < SETTLED:
             return at
         try:
             step = np.linalg.solve(J, -rates.ravel())
@@ -108,9 +108,9 @@ def _settle(newton: cs.Function, at: Array, steer: float, scale: Array, per_seco
 def _segment(trace: MotionTrace, known: Mapping[str, object]) -> cs.SX:
     """A segment of zero length with inputs at the given values, or at their defaults."""
     model = trace.model
-    held = [known.get(name, model.defaults.get(name, 0.0)) for name in model.inputs]
-    rest = [0.0] * (trace.segment_size - 1 - len(held))
-    return cs.vertcat(0.0, *held, *rest)
+    values = [known.get(name, model.defaults.get(name, 0.0)) for name in model.inputs]
+    rest = [0.0] * (trace.segment_size - 1 - len(values))
+    return cs.vertcat(0.0, *values, *rest)
 
 
 _SLIP = "slip_of_both_axles"

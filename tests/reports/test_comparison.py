@@ -24,7 +24,7 @@ def test_intervals_cover_differences_of_correlated_errors():
         common = coloured(rng, 1500)
         own = [common + 0.5 * coloured(rng, 1500) for _ in range(2)]
         found = paired(own[0], own[1], np.repeat([0, 1], 750), 0.05)
-        held += not found.told
+        held += not found.significant
     assert held >= 52
 
 
@@ -33,7 +33,7 @@ def test_pairing_tells_what_apart_would_not_be_told():
     common = coloured(rng, 3000)
     better, worse = common + 0.1 * coloured(rng, 3000), 1.1 * common + 0.1 * coloured(rng, 3000)
     found = paired(better, worse, np.zeros(3000, dtype=int), 0.05)
-    assert found.told
+    assert found.significant
     assert found.low < found.second - found.first < found.high
     assert found.seconds >= 1.0
     spread = np.std([np.sqrt(np.mean(part**2)) for part in np.array_split(better, found.blocks)]) / found.blocks**0.5
@@ -43,7 +43,7 @@ def test_pairing_tells_what_apart_would_not_be_told():
 def test_too_few_blocks_tell_no_interval():
     found = paired(np.ones(30), 2 * np.ones(30), np.zeros(30, dtype=int), 0.05)
     assert np.isnan(found.low)
-    assert not found.told
+    assert not found.significant
     assert (found.first, found.second) == (1.0, 2.0)
 
 

@@ -21,13 +21,13 @@ from greybox_id.base.numbers import (
 from greybox_id.fitting.provenance import Certificate
 from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.reports.content import scalars
-from greybox_id.reports.memory import verdict, yardsticks
+from greybox_id.reports.memory import verdict, persistence_errors
 from greybox_id.reports.report import prepared
 
 
 @pytest.fixture
 def sentences(found):
-    return lambda fit: verdict(fit.model, fit, found, yardsticks(fit, found))
+    return lambda fit: verdict(fit.model, fit, found, persistence_errors(fit, found))
 
 
 def certified(fit, **changes):
@@ -57,7 +57,7 @@ def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sen
 
 def test_a_fit_without_validation_says_so(small_fit, found, train):
     alone = replace(small_fit, metrics={"train": small_fit.metrics["train"]}, data=small_fit.data[:1])
-    words = verdict(alone.model, alone, found[:1], yardsticks(alone, found[:1]))
+    words = verdict(alone.model, alone, found[:1], persistence_errors(alone, found[:1]))
     assert "no recording was held out" in words[0]
     assert "not known" in words[1]
     assert len(below(prepared(alone, [train]), "Errors")[0].head) == 4

@@ -235,7 +235,7 @@ class _Shortened:
         self._uses: Counter[Expression] = Counter()
         self._letters: dict[Expression, Symbol] = {}
         self._made: list[Equation] = []
-        self._told = 0
+        self._defined = 0
         self._left_out = 0
         seen: set[Expression] = set()
         for equation in equations:
@@ -258,8 +258,8 @@ class _Shortened:
 
     def _waiting_in(self, original: Expression) -> list[Expression]:
         """Expressions that were abbreviated while this one was written, in order of appearance."""
-        new = [item for item in list(self._letters)[self._told :] if item != original]
-        self._told = len(self._letters)
+        new = [item for item in list(self._letters)[self._defined :] if item != original]
+        self._defined = len(self._letters)
         return new
 
     def _count(self, of: Expression, seen: set[Expression]) -> int:

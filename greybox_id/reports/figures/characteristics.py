@@ -142,11 +142,11 @@ def share_with_band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Ar
     if fit.covariance is None:
         nothing = np.full(len(angles), np.nan)
         return share, nothing, nothing
-    known = []
+    intervals = []
     for angle in angles:
         at = Combination("F_y / F_z", "1", partial(_share, curve, angle, names))
-        known.append(combined(at, model, fit.covariance, fit.dof))
-    return share, np.array([one.low for one in known]), np.array([one.high for one in known])
+        intervals.append(combined(at, model, fit.covariance, fit.dof))
+    return share, np.array([one.low for one in intervals]), np.array([one.high for one in intervals])
 
 
 def _share(curve: OverSlip, angle: float, names: Sequence[str], p: Namespace) -> float:
@@ -213,8 +213,8 @@ def turns_beyond_curvature(model: MotionModel, speed: float, reach: float) -> tu
 def _measured(recordings: Sequence[Driven]) -> tuple[Array, Array, Array]:
     """Steering angle, speed and yaw rate of samples that have all three and are moving."""
     target = ("steer", "v_x", "yaw_rate")
-    held = [one.recording for one in recordings if all(name in one.recording for name in target)]
-    table = np.vstack([np.empty((0, 3)), *(np.column_stack([r[name] for name in target]) for r in held)])
+    complete = [one.recording for one in recordings if all(name in one.recording for name in target)]
+    table = np.vstack([np.empty((0, 3)), *(np.column_stack([r[name] for name in target]) for r in complete)])
     table = table[np.all(np.isfinite(table), axis=1)]
     top = float(np.quantile(table[:, 1], 0.99)) if len(table) else 0.0
     table = table[table[:, 1] > MOVING * top]
@@ -335,9 +335,9 @@ def steady_yaw_rate(trace: Trace, steer: Array, v_x: float) -> Array:
     for _ in range(ROUNDS if following else 1):
         y = trace.head(trace.stage(u, p)[:, trace.tap_signal] * gains, u, p)
         if following:
-            held = trace.feedback(y, u)
+            fed = trace.feedback(y, u)
             for place, column in following:
-                u[:, column] = held[:, place]
+                u[:, column] = fed[:, place]
     rates: Array = y[:, model.outputs.index("yaw_rate")]
     return rates
 

@@ -171,10 +171,10 @@ ROW, MOST = 13.0, 24
 
 def starts(fit: Fit, stage: Stage) -> Sheet | None:
     """The end of each start in standard deviations from the estimate, a row per parameter; None for a single start."""
-    result = spread_of(fit, stage)
-    if not result:
+    spread = spread_of(fit, stage)
+    if not spread:
         return None
-    shown = sorted(result, key=lambda name: -max(abs(off) for off, _ in result[name]))[:MOST]
+    shown = sorted(spread, key=lambda name: -max(abs(off) for off, _ in spread[name]))[:MOST]
     sheet = Sheet((max(ROW * len(shown), 40.0),))
     ax = sheet.first()
     ax.axvline(0.0, **look(INK, 0.5))
@@ -182,7 +182,7 @@ def starts(fit: Fit, stage: Stage) -> Sheet | None:
         (False, ORANGE, "another objective", 2.0),
         (True, BLUE, "the best objective", 2.6),
     ):
-        at = [(off, row) for row, name in enumerate(shown) for off, item in result[name] if item is same]
+        at = [(off, row) for row, name in enumerate(shown) for off, item in spread[name] if item is same]
         if at:
             x, y = np.array(at).T
             ax.plot(np.clip(x, -REACH, REACH), y, **look(colour, label=words, dashes="", dots=dots))

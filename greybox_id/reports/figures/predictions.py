@@ -304,9 +304,9 @@ def _with_input(ax: Axes, one: Seen, k: int, name: str, lags: Array) -> None:
 
 def _bartlett(parts: Parts, most: int) -> float:
     """Standard deviation of the correlation of two unrelated signals, each of them autocorrelated."""
-    value = correlation([(a, a) for a, _ in parts], most) * correlation([(b, b) for _, b in parts], most)
+    product = correlation([(a, a) for a, _ in parts], most) * correlation([(b, b) for _, b in parts], most)
     counted = sum(len(a) for a, _ in parts)
-    return float(np.sqrt(max(1.0 + 2.0 * np.nansum(value[1:]), 1.0) / counted))
+    return float(np.sqrt(max(1.0 + 2.0 * np.nansum(product[1:]), 1.0) / counted))
 
 
 def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
@@ -316,8 +316,8 @@ def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
     result = one.predicted[protocol]
     residual = result.predicted[:, k] - result.measured[:, k]
     other = residual if name is None else one.recording[name][result.rows]
-    known = np.flatnonzero(np.isfinite(residual) & np.isfinite(other))
-    stretches = np.split(known, breaks(result.rows[known], result.run[known]))
+    finite = np.flatnonzero(np.isfinite(residual) & np.isfinite(other))
+    stretches = np.split(finite, breaks(result.rows[finite], result.run[finite]))
     return [(residual[p], other[p]) for p in stretches if len(p) >= SHORTEST]
 
 
@@ -379,8 +379,8 @@ def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence
 
 def _unbroken(of: Prediction, values: Array) -> list[Array]:
     """Stretches of finite values in consecutive rows of one run that are long enough."""
-    known = np.flatnonzero(np.isfinite(values))
-    stretches = np.split(known, breaks(of.rows[known], of.run[known]))
+    finite = np.flatnonzero(np.isfinite(values))
+    stretches = np.split(finite, breaks(of.rows[finite], of.run[finite]))
     return [values[part] for part in stretches if len(part) >= SHORTEST_PART]
 
 

@@ -210,7 +210,7 @@ class Sheet(Figure):
         if not colours:
             for name, item in LIGHT.items():
                 body = body.replace(item, f"var(--{name})")
-        width, height = (72 * get_size_inch for get_size_inch in self.get_size_inches())
+        width, height = (72 * inches for inches in self.get_size_inches())
         title = f"<title>{escape(alt)}</title>" if alt else ""
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="{MARK}" viewBox="0 0 {width:g} {height:.1f}" '
@@ -254,17 +254,19 @@ class Sheet(Figure):
                 if axis.get_scale() == "log":
                     _label_powers(axis)
             _fit_letters(ax)
-            result = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis)]
-            result += [ax.title.get_window_extent(renderer)] if ax.get_title() else []
+            text_boxes = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis)]
+            text_boxes += [ax.title.get_window_extent(renderer)] if ax.get_title() else []
             boxes += [
-                box for box in (*result, *(child_axis.get_tightbbox(renderer) for child_axis in ax.child_axes)) if box
+                box
+                for box in (*text_boxes, *(child_axis.get_tightbbox(renderer) for child_axis in ax.child_axes))
+                if box
             ]
-        around, value, last = Bbox.union(boxes), ax.bbox, not self.joined or ax in self.grid[-1]
+        around, inner, last = Bbox.union(boxes), ax.bbox, not self.joined or ax in self.grid[-1]
         left, right, above, below = (
-            value.x0 - around.x0,
-            around.x1 - value.x1,
-            around.y1 - value.y1,
-            value.y0 - around.y0,
+            inner.x0 - around.x0,
+            around.x1 - inner.x1,
+            around.y1 - inner.y1,
+            inner.y0 - around.y0,
         )
         return WIDER * left + 1.0, max(right, EDGE), max(above, EDGE), below + (3.0 if last else 1.0)
 
@@ -272,13 +274,13 @@ class Sheet(Figure):
         """Draw the legend above all axes, in as many lines as necessary; returns its height."""
         for old in self.legends:
             old.remove()
-        known: dict[str, Any] = {}
+        handles: dict[str, Any] = {}
         for ax in self.axes:
             for handle, words in zip(*ax.get_legend_handles_labels(), strict=True):
-                known.setdefault(words, handle)
-        for columns in range(len(known), 0, -1):
+                handles.setdefault(words, handle)
+        for columns in range(len(handles), 0, -1):
             legend = self.legend(
-                list(known.values()), list(known), ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 1.0)
+                list(handles.values()), list(handles), ncols=columns, loc="upper center", bbox_to_anchor=(0.5, 1.0)
             )
             box = legend.get_window_extent(_renderer(self))
             if box.width < WIDE or columns == 1:
@@ -347,10 +349,10 @@ def cells(
     gap : between cells, relative to their size.
     label : in the legend.
     """
-    known, negative = np.isfinite(share), share < 0
-    level = np.round(SHADES * np.clip(np.abs(np.where(known, share, 0.0)), 0.0, 1.0))
-    for item, is_negative in sorted(set(zip(level[known].tolist(), negative[known].tolist(), strict=True))):
-        i, j = np.nonzero(known & (level == item) & (negative == is_negative))
+    finite, negative = np.isfinite(share), share < 0
+    level = np.round(SHADES * np.clip(np.abs(np.where(finite, share, 0.0)), 0.0, 1.0))
+    for item, is_negative in sorted(set(zip(level[finite].tolist(), negative[finite].tolist(), strict=True))):
+        i, j = np.nonzero(finite & (level == item) & (negative == is_negative))
         (left, right), (low, high) = ((e[k] + gap / 2 * np.diff(e)[k], e[k + 1] - gap / 2 * np.diff(e)[k])
                                       for e, k in ((x, i), (y, j)))  # fmt: skip
         around = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])

@@ -91,24 +91,24 @@ def bars(closure: Closure, after: str) -> Sheet:
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: math.inf if h is None else h)
     sheet, axes = row_of(len(channels), 82.0)
     for ax, channel in zip(axes, channels, strict=True):
-        value = {error.horizon: error for error in closure.errors if error.channel == channel}
-        at = [k for k, horizon in enumerate(horizons) if horizon in value]
-        result = [value[horizons[k]] for k in at]
-        _draw(ax, np.array(at, dtype=float), result, after)
-        ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, result[0].unit))
+        by_horizon = {error.horizon: error for error in closure.errors if error.channel == channel}
+        at = [k for k, horizon in enumerate(horizons) if horizon in by_horizon]
+        errors = [by_horizon[horizons[k]] for k in at]
+        _draw(ax, np.array(at, dtype=float), errors, after)
+        ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, errors[0].unit))
         ax.set_xticks(range(len(horizons)), ["free" if h is None else f"{h:g}" for h in horizons])
         ax.grid(visible=False, axis="x")
     axes[0].set_ylabel("RMSE")
     return sheet
 
 
-def _draw(ax: Axes, at: Array, errorses: list[Errors], after: str) -> None:
+def _draw(ax: Axes, at: Array, errors: list[Errors], after: str) -> None:
     shift = WIDE / 2 if after else 0.0
-    ax.bar(at - shift, [item.before for item in errorses], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
+    ax.bar(at - shift, [item.before for item in errors], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
     if after:
-        ax.bar(at + shift, [item.after for item in errorses], WIDE, color=AFTER["color"], label=after, **EDGED)
+        ax.bar(at + shift, [item.after for item in errors], WIDE, color=AFTER["color"], label=after, **EDGED)
     across = np.concatenate([[k - 1.25 * WIDE, k + 1.25 * WIDE, np.nan] for k in at])
-    ax.plot(across, np.concatenate([[item.floor, item.floor, np.nan] for item in errorses]), **FLOOR)
+    ax.plot(across, np.concatenate([[item.floor, item.floor, np.nan] for item in errors]), **FLOOR)
 
 
 SHARE_OPACITY = (0.04, 1.0)
@@ -163,8 +163,8 @@ def limits(gap: Gap) -> Sheet | None:
     return sheet
 
 
-def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
-    shown = [*known.items()][:MOST_LIMITS]
+def _sizes(ax: Axes, by_effect: Mapping[str, Limit]) -> None:
+    shown = [*by_effect.items()][:MOST_LIMITS]
     at, (low, high) = np.arange(len(shown)), SIZES
     ends = np.array([min(max(item.share, 1.3 * low), high) for _, item in shown])
     unseen = np.array([item.share >= 1.0 for _, item in shown])
@@ -235,8 +235,8 @@ def aliases(shown: Sequence[Ranked]) -> list[list[int]]:
 
 def relative(effect: str, value: float, magnitude: float) -> float:
     """A magnitude relative to the estimate, from the effect's null: 0 is the absent effect, 1 the estimate."""
-    known = EFFECTS.get(effect)
-    null = float(known.parameter.array) if known is not None else 0.0
+    definition = EFFECTS.get(effect)
+    null = float(definition.parameter.array) if definition is not None else 0.0
     if not isfinite(null):  # a limit: the larger, the weaker the effect
         return magnitude / value if value else inf
     return (value - null) / (magnitude - null) if magnitude != null else float("nan")
@@ -335,10 +335,11 @@ def _along_path(ax: Axes, strip: Strip) -> None:
     share = np.log(np.clip(np.nan_to_num(strip.before, nan=1.0), 1.0, top)) / np.log(top)
     ticks = [item for item in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if item <= top]
     ticks = ticks[:: max(1, round(len(ticks) / 4))]
-    known = np.isfinite(strip.x) & np.isfinite(strip.y)
-    order = np.argsort(share[known], kind="stable")  # darkest dots on top
+    placed = np.isfinite(strip.x) & np.isfinite(strip.y)
+    order = np.argsort(share[placed], kind="stable")  # darkest dots on top
     x, y, shade = (
-        item[known][order] for item in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
+        item[placed][order]
+        for item in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
     )
     ax.scatter(x, y, DOT**2, facecolors=to_rgba_array(EXCESS, shade), edgecolors=PALE, linewidths=0.25)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
@@ -352,20 +353,20 @@ LEAST_DENSITY = 3.0
 
 def spectra(strip: Strip, applied: bool) -> Sheet:
     """Spectral density of the errors relative to that of the noise, a panel per channel."""
-    known = strip.frequency > 0
-    if not strip.spectrum_before or not np.any(known):
+    positive = strip.frequency > 0
+    if not strip.spectrum_before or not np.any(positive):
         return notice_sheet("no spectra of the errors were kept")
     shown = [*strip.spectrum_before.values(), *(strip.spectrum_after.values() if applied else ())]
-    every = np.concatenate([item[known] for item in shown])
-    every = every[np.isfinite(every) & (every > 0)]
-    low, high = (float(every.min()), float(every.max())) if len(every) else (1.0, 1.0)
+    densities = np.concatenate([item[positive] for item in shown])
+    densities = densities[np.isfinite(densities) & (densities > 0)]
+    low, high = (float(densities.min()), float(densities.max())) if len(densities) else (1.0, 1.0)
     low, high = min(low, 1.0 / LEAST_DENSITY), max(high, LEAST_DENSITY)
     sheet, axes = row_of(len(strip.spectrum_before), 80.0)
     for ax, (channel, before) in zip(axes, strip.spectrum_before.items(), strict=True):
         ax.axhline(1.0, **look(PALE, 0.8))
-        ax.plot(strip.frequency[known], before[known], **BEFORE)
+        ax.plot(strip.frequency[positive], before[positive], **BEFORE)
         if applied and channel in strip.spectrum_after:
-            ax.plot(strip.frequency[known], strip.spectrum_after[channel][known], **AFTER)
+            ax.plot(strip.frequency[positive], strip.spectrum_after[channel][positive], **AFTER)
         ax.set(xlabel="frequency [Hz]", xscale="log", yscale="log", ylim=(low, high), title=symbol(channel))
     axes[0].set_ylabel("PSD of errors / noise [1]")
     return sheet
@@ -376,7 +377,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     closure, held_out = judged(gap)
     applied = bool(gap.applied)
     on = f"{listed([*(closure.recordings or gap.recordings)])}{' (held out)' if held_out else ''}"
-    result = [
+    figures = [
         Drawing(
             "gap_errors", bars(closure, after_words(closure, applied)),
             f"Errors of every channel over the prediction horizon, on {on}.",
@@ -386,7 +387,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     ]  # fmt: skip
     if gap.strip is not None:
         stretch = gap.where.time if gap.gap_detected else {}
-        result += [
+        figures += [
             Drawing(
                 "gap_along", strips(gap.strip, stretch, applied),
                 "Mean square error of all channels, divided by that of the noise, along time and along the path.",
@@ -398,7 +399,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
                 "Spectra of the errors, divided by those of the noise.",
             ),
         ]  # fmt: skip
-    return tuple(result)
+    return tuple(figures)
 
 
 def _causes(gap: Gap) -> Drawing:

@@ -47,7 +47,7 @@ MOST_EVIDENCE, MOST_RANKED = 5, 12
 """Most effects that are described, and most that are listed in the table."""
 RARELY = 0.05
 """Share of the time below which a regime counts as hardly driven."""
-LEAST_TOLD = 0.01
+LEAST_SHOWN = 0.01
 """Smallest share with a number; smaller ones are shown as below it."""
 ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
@@ -195,11 +195,13 @@ def evidence(gap: Gap) -> list[tuple[str, str]]:
 
 
 def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
-    known = EFFECTS.get(value.effect)
-    about = known.parameter.about if known is not None else ""
-    one = [
+    effect = EFFECTS.get(value.effect)
+    about = effect.parameter.about if effect is not None else ""
+    sentences = [
         f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
-        f"It belongs to the group “{known.group}” and acts on {listed([*known.touches])}." if known is not None else "",
+        f"It belongs to the group “{effect.group}” and acts on {listed([*effect.touches])}."
+        if effect is not None
+        else "",
         f"It is present with probability {probability_words(value.probability)}"
         + (" and was applied." if value.effect in gap.applied else "."),
         f"It raises the log-likelihood by {number(value.gain)}"
@@ -209,19 +211,19 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
             else "."
         ),
     ]
-    one = [sentence for sentence in one if sentence]
+    sentences = [sentence for sentence in sentences if sentence]
     if _touches_null(value):
-        one.append("The interval of its magnitude includes the value at which the effect is absent.")
+        sentences.append("The interval of its magnitude includes the value at which the effect is absent.")
     if value.indistinguishable_from:
-        one.append(
+        sentences.append(
             f"It cannot be distinguished from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}."
         )
-    return one
+    return sentences
 
 
 def _touches_null(ranked: Ranked) -> bool:
-    known = EFFECTS.get(ranked.effect)
-    return known is not None and ranked.interval[0] <= float(known.parameter.array) <= ranked.interval[1]
+    effect = EFFECTS.get(ranked.effect)
+    return effect is not None and ranked.interval[0] <= float(effect.parameter.array) <= ranked.interval[1]
 
 
 def _runner_up(gap: Gap) -> str:
@@ -299,7 +301,7 @@ def _hardly_driven(gap: Gap) -> str:
 def limits_table(gap: Gap) -> Table:
     """Detection limits of the effects that were not applied, the largest relative to the usual size first."""
     rows = tuple(
-        (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
+        (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _not_absorbed(limit))
         for name, limit in gap.limits.items()
     )
     return Table(
@@ -324,8 +326,8 @@ def _usual(name: str, limit: Limit) -> str:
     return f"{'× ' if is_factor(name) else ''}{number(unit.factor * limit.typical, 2)} {unit.unit}".strip()
 
 
-def _told(limit: Limit) -> str:
-    return percent(limit.told) if limit.told >= LEAST_TOLD else f"below {percent(LEAST_TOLD)}"
+def _not_absorbed(limit: Limit) -> str:
+    return percent(limit.told) if limit.told >= LEAST_SHOWN else f"below {percent(LEAST_SHOWN)}"
 
 
 def _times(limit: Limit) -> str:
@@ -343,11 +345,11 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
         for one, held_out in reversed(both)
         if one.errors
     ]
-    stated = (ERRORS if after else ERRORS_ALONE) if errors else ""
+    explanation = (ERRORS if after else ERRORS_ALONE) if errors else ""
     return (
         *titled(title, Text(judged, small=False), closures(both), Text(CLOSURE)),
         *(part for title, table in errors for part in titled(title, table, level=2)),
-        Text(stated),
+        Text(explanation),
         *titled("Errors compared with the noise", channels(gap), Text(CHANNELS), level=2),
     )
 
@@ -369,9 +371,9 @@ def _errors(closure: Closure, applied: bool) -> Table:
     by = {(error.channel, error.horizon): error for error in closure.errors}
     rows = []
     for channel in dict.fromkeys(error.channel for error in closure.errors):
-        result = [by.get((channel, horizon)) for horizon in horizons]
-        unit = next(item.unit for item in result if item is not None)
-        cells = ("–" if e is None else _cell(e, applied) for e in result)
+        row = [by.get((channel, horizon)) for horizon in horizons]
+        unit = next(item.unit for item in row if item is not None)
+        cells = ("–" if e is None else _cell(e, applied) for e in row)
         rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
     return Table(
         ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),

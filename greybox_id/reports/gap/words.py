@@ -59,14 +59,14 @@ def handy_of(ranked: Ranked) -> Handy:
 
 def is_factor(effect: str) -> bool:
     """Whether an effect's magnitude is a factor, with 1 for the absent effect."""
-    known = EFFECTS.get(effect)
-    return known is not None and known.parameter.unit == "1" and float(known.parameter.array) == 1.0
+    definition = EFFECTS.get(effect)
+    return definition is not None and definition.parameter.unit == "1" and float(definition.parameter.array) == 1.0
 
 
 def magnitude_words(ranked: Ranked) -> str:
     """Magnitude of an effect and when it acts, then its other parameters: "8 ± 1 m/s, wind_direction 1.0 rad"."""
-    known = EFFECTS.get(ranked.effect)
-    units = {other.name: other.unit for other in known.others} if known is not None else {}
+    definition = EFFECTS.get(ranked.effect)
+    units = {other.name: other.unit for other in definition.others} if definition is not None else {}
     behind = [
         f"{name} {number(value, 2)} {handy(units.get(name, ''), inf).unit}" for name, value in ranked.others.items()
     ]
@@ -80,14 +80,14 @@ def main_words(ranked: Ranked) -> str:
 
 def before_words(ranked: Ranked, mean: float) -> str:
     """Magnitude of an effect before, in the unit of its present magnitude."""
-    entry = handy_of(ranked)
-    return f"{'× ' if is_factor(ranked.effect) else ''}{number(entry.factor * mean, 2)} {entry.unit}".strip()
+    handy_unit = handy_of(ranked)
+    return f"{'× ' if is_factor(ranked.effect) else ''}{number(handy_unit.factor * mean, 2)} {handy_unit.unit}".strip()
 
 
 def unchanged_words(name: str, size: float) -> str:
     """An effect that did not change, with the largest change not excluded; factors in per cent."""
-    entry = handy(EFFECTS[name].parameter.unit if name in EFFECTS else "", size)
-    within = percent(size) if is_factor(name) else f"{number(entry.factor * size, 2)} {entry.unit}".strip()
+    handy_unit = handy(EFFECTS[name].parameter.unit if name in EFFECTS else "", size)
+    within = percent(size) if is_factor(name) else f"{number(handy_unit.factor * size, 2)} {handy_unit.unit}".strip()
     return f"{name} (± {within})"
 
 
@@ -100,44 +100,44 @@ def when_words(ranked: Ranked) -> str:
 
 def carried_over(gap: Gap) -> list[str]:
     """What the closed model, which is constant in time, includes of effects that begin or end within a recording."""
-    stated = []
+    sentences = []
     for one in gap.ranking:
         if one.effect in gap.applied and one.since is not None:
-            stated.append(
+            sentences.append(
                 f"the effect {one.effect} begins in {one.within} at {number(one.since)} s: the closed model includes "
                 "it, and "
                 "describes the vehicle only from then on"
             )
         elif one.effect in gap.applied and one.until is not None:
-            stated.append(
+            sentences.append(
                 f"the effect {one.effect} ends in {one.within} at {number(one.until)} s: the closed model omits it, "
                 "and "
                 "describes the vehicle only from then on"
             )
-    return stated
+    return sentences
 
 
 def _size_words(ranked: Ranked) -> str:
-    entry, (low, high) = handy_of(ranked), ranked.interval
-    value = entry.factor * ranked.magnitude
-    before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {entry.unit}" if entry.unit else "")
+    handy_unit, (low, high) = handy_of(ranked), ranked.interval
+    value = handy_unit.factor * ranked.magnitude
+    before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {handy_unit.unit}" if handy_unit.unit else "")
     arms = (high - ranked.magnitude, ranked.magnitude - low)
     if not any(isfinite(arm) for arm in arms):
         return f"{before}{number(value)}{behind}"  # no interval is known
     if not all(isfinite(arm) for arm in arms) or high <= low:
         return f"{before}{number(value)}{behind} {interval_words(ranked, unit=False)}"
     if min(arms) <= 0.0 or max(arms) > LOPSIDED * min(arms):
-        digits = together(value, by=entry.factor * (high - low) / 4)
+        digits = together(value, by=handy_unit.factor * (high - low) / 4)
         shown = digits.words[0] if not digits.power else number(value)
         return f"{before}{shown}{behind} {interval_words(ranked, unit=False)}"
-    return f"{before}{short_with_sd(value, entry.factor * sum(arms) / (2 * NORMAL))}{behind}"
+    return f"{before}{short_with_sd(value, handy_unit.factor * sum(arms) / (2 * NORMAL))}{behind}"
 
 
 def interval_words(ranked: Ranked, unit: bool = True) -> str:
     """Interval such as "[25, 37] ms", to the digits of its width; an end that is not finite as ∞."""
-    handy = handy_of(ranked)
-    low, high = (handy.factor * end for end in ranked.interval)
-    behind = f" {handy.unit}" if handy.unit and unit else ""
+    handy_unit = handy_of(ranked)
+    low, high = (handy_unit.factor * end for end in ranked.interval)
+    behind = f" {handy_unit.unit}" if handy_unit.unit and unit else ""
     if not (isfinite(low) and isfinite(high) and high > low):
         return f"[{number(low)}, {number(high)}]{behind}"
     return f"{interval(low, high, (high - low) / 4)}{behind}"
@@ -233,8 +233,8 @@ def where(gap: Gap) -> list[str]:
     """Location of the gap by equation, regime and time; empty if there is none."""
     if not gap.gap_detected:
         return []
-    stated = (("By equation", _equations(gap)), ("By driving", _regime(gap)), ("By time", _time(gap)))
-    return [f"{lead}: {clause}" for lead, clause in stated if clause]
+    places = (("By equation", _equations(gap)), ("By driving", _regime(gap)), ("By time", _time(gap)))
+    return [f"{lead}: {clause}" for lead, clause in places if clause]
 
 
 def _equations(gap: Gap) -> str:
@@ -285,10 +285,10 @@ def which(gap: Gap) -> str:
         return "no named effect stands out"
     first = [item for item in gap.ranking if item.effect in gap.applied] or [gap.ranking[0]]
     classes = {item.applied: item for item in gap.classes if item.applied and len(item.members) > 1}
-    one = [_named(item, classes.get(item.effect)) for item in first]
+    named = [_named(item, classes.get(item.effect)) for item in first]
     others = dict.fromkeys(name for item in first if item.effect not in classes for name in item.indistinguishable_from)
     apart = f"; cannot be distinguished from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
-    return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(one)}{apart}"
+    return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(named)}{apart}"
 
 
 def _named(ranked: Ranked, alike: CauseClass | None) -> str:
@@ -305,7 +305,7 @@ def _named(ranked: Ranked, alike: CauseClass | None) -> str:
 def verdict(gap: Gap) -> list[tuple[str, str]]:
     """The whole result as pairs of lead and sentence; doubts about the data come first."""
     closure, held_out = judged(gap)
-    stated = [
+    pairs = [
         *(("Doubt", doubt) for doubt in gap.doubts[:MOST_DOUBTS]),
         ("", f"and {more} more doubts" if (more := len(gap.doubts) - MOST_DOUBTS) > 0 else ""),
         ("Gap", whether(gap)),
@@ -327,7 +327,7 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ),
         ("Remains", left(gap)),
     ]
-    return [(lead, sentence) for lead, sentence in stated if sentence]
+    return [(lead, sentence) for lead, sentence in pairs if sentence]
 
 
 def budget(gap: Gap) -> str:
@@ -376,13 +376,13 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
-        known = "" if high < 0 else "; the interval includes zero"
+        caveat = "" if high < 0 else "; the interval includes zero"
         return (
             f"adding {listed([*gap.applied])} increases the excess error by {whole_percent(-share)} % "
-            f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
+            f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{caveat}"
         )
-    known = "" if not low <= 0 else "; the interval includes zero, so the gap may not close"
-    return f"with {listed([*gap.applied])}, the excess error falls by {whole_percent(share)} % {bounds} {place}{known}"
+    caveat = "" if not low <= 0 else "; the interval includes zero, so the gap may not close"
+    return f"with {listed([*gap.applied])}, the excess error falls by {whole_percent(share)} % {bounds} {place}{caveat}"
 
 
 def tells(closure: Closure) -> bool:

@@ -20,19 +20,19 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
     """The text of an adaptation, part by part."""
     for doubt in result.doubts:
         yield led("doubt", doubt)
-    several: dict[str, list[str]] = {}
+    outputs_of: dict[str, list[str]] = {}
     for output, words in result.choices.items():
-        several.setdefault(words, []).append(output)
-    for words, outputs in several.items():
+        outputs_of.setdefault(words, []).append(output)
+    for words, outputs in outputs_of.items():
         what = "the unchanged fit" if words == "zero-shot" else words
         yield led("chosen", f"for {listed(outputs)}: {what}")
-    if any("strength" in words for words in several):
+    if any("strength" in words for words in outputs_of):
         yield led("", "strength of the priors: the smaller it is, the further parameters may move from the fit")
     for run, delays in result.delays.items():
-        stated = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
+        run_delays = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
         yield led(
             "timing",
-            f"run {run}: delays of readings after inputs, compared with the training data of the fit: {stated}",
+            f"run {run}: delays of readings after inputs, compared with the training data of the fit: {run_delays}",
         )
     if result.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]

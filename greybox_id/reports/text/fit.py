@@ -165,17 +165,17 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
         yield _free(result, free)
     lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     lines.add_column(min_width=8)
-    held = [p for p in parameters if p.fixed]
-    known = [f"{p.name} = {with_unit(plain(float(p.array)), p.unit)}" for p in held if float(p.array)]
-    nothing = [p.name for p in held if not float(p.array)]
-    if known:
-        lines.add_row("fixed", ", ".join(known))
-    if nothing:
-        lines.add_row("" if known else "fixed", f"{', '.join(nothing)} = 0")
+    fixed = [p for p in parameters if p.fixed]
+    nonzero = [f"{p.name} = {with_unit(plain(float(p.array)), p.unit)}" for p in fixed if float(p.array)]
+    zero = [p.name for p in fixed if not float(p.array)]
+    if nonzero:
+        lines.add_row("fixed", ", ".join(nonzero))
+    if zero:
+        lines.add_row("" if nonzero else "fixed", f"{', '.join(zero)} = 0")
     for name, values in result.per_run.items():
         if result.model[name].shape == () and len(values) > 1:
-            entry = pretty_unit(result.model[name].unit)
-            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {entry}")
+            unit = pretty_unit(result.model[name].unit)
+            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {unit}")
     if lines.row_count:
         yield ""
         yield lines

@@ -62,9 +62,11 @@ def _which(gap: Gap, width: int) -> Group | None:
     shares = (
         {share.effect for share in gap.budget.shares} if gap.budget is not None else set()
     )  # each has its reason in the table
-    known = {*gap.applied, *shares}
+    always_shown = {*gap.applied, *shares}
     likely = [
-        (k, item) for k, item in enumerate(gap.ranking, 1) if item.probability >= PRINTED_FROM or item.effect in known
+        (k, item)
+        for k, item in enumerate(gap.ranking, 1)
+        if item.probability >= PRINTED_FROM or item.effect in always_shown
     ][:MOST]
     if not likely or not (gap.gap_detected or gap.applied):
         return None
@@ -76,8 +78,8 @@ def _which(gap: Gap, width: int) -> Group | None:
     table.add_row(*heads[: 4 + wide], style="dim")
     notes: list[RenderableType] = [table]
     for k, item in likely:
-        stated = "applied" if item.effect in gap.applied else item.reason and f"not applied: {item.reason}"
-        note = "; ".join(filter(None, (stated, told_apart(gap, item))))
+        status = "applied" if item.effect in gap.applied else item.reason and f"not applied: {item.reason}"
+        note = "; ".join(filter(None, (status, told_apart(gap, item))))
         cells = (str(k), item.effect, magnitude_words(item), probability(item.probability))
         table.add_row(*cells, *([note] if wide else []))
         if note and not wide:

@@ -23,10 +23,10 @@ def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
     timing : from `greybox_id.fitting.scores.timing.Timing.as_dict`.
     """
     seconds = timing["seconds"]
-    known = "" if seconds is None else f", estimated from its first {seconds:g} s of motion"
+    source = "" if seconds is None else f", estimated from its first {seconds:g} s of motion"
     for run, outputs in timing["runs"].items():
-        stated = ", ".join(f"{name} {_late(output['delay'], output['sd'])}" for name, output in outputs.items())
-        yield f"run {run}: {stated}{known}"
+        delays = ", ".join(f"{name} {_late(output['delay'], output['sd'])}" for name, output in outputs.items())
+        yield f"run {run}: {delays}{source}"
 
 
 def _late(delay: float, sd: float) -> str:

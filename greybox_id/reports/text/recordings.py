@@ -118,13 +118,13 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
             "of known direction"
         )
     for finding in proposal.findings:
-        stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
-        channel = "" if stated.startswith(finding.where.channel) else f"{finding.where.channel}: "
-        screen.print(f"{finding.severity.value}: {channel}{stated}")
-    requested = {entry.signal for entry in proposal.open}
-    if requested:
+        sentence = finding.sentence.removeprefix(f"{finding.where.channel}: ")
+        channel = "" if sentence.startswith(finding.where.channel) else f"{finding.where.channel}: "
+        screen.print(f"{finding.severity.value}: {channel}{sentence}")
+    undecided = {entry.signal for entry in proposal.open}
+    if undecided:
         screen.print(
-            f"{counted(len(requested), 'signal')} marked ? above must be decided: {', '.join(sorted(requested))}. In "
+            f"{counted(len(undecided), 'signal')} marked ? above must be decided: {', '.join(sorted(undecided))}. In "
             "the "
             "column map, choose one of the lines that begin with #? and remove its #?."
         )

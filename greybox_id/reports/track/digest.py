@@ -237,8 +237,8 @@ def _shown(track: Track) -> list[str]:
 def _estimate(track: Track, name: str) -> Estimate:
     low, median, high = (float(item) for item in np.nanquantile(track.values[name], WITHIN))
     sd = float(np.nanmedian(track.sds[name]))
-    known = {_scaled(track).get(name, name): share for name, share in track.told.items()}
-    return Estimate(track.units[name], low, median, high, sd, known.get(name))
+    shares = {_scaled(track).get(name, name): share for name, share in track.told.items()}
+    return Estimate(track.units[name], low, median, high, sd, shares.get(name))
 
 
 def measured_of(recording: Recording, name: str) -> Array | None:
@@ -257,22 +257,22 @@ def _entered(track: Track, name: str) -> bool:
 
 
 def _truth(track: Track, recording: Recording, name: str) -> Measured | None:
-    whole = measured_of(recording, name)
-    if whole is None or _entered(track, name):
+    reference = measured_of(recording, name)
+    if reference is None or _entered(track, name):
         return None
-    measured, values, sds = whole[track.rows.astype(int)], track.values[name], track.sds[name]
-    there = np.isfinite(measured) & np.isfinite(values)
-    if not np.any(there):
+    measured, values, sds = reference[track.rows.astype(int)], track.values[name], track.sds[name]
+    both = np.isfinite(measured) & np.isfinite(values)
+    if not np.any(both):
         return None
-    off = (values - measured)[there]
+    error = (values - measured)[both]
     return Measured(
         unit=track.units[name],
-        rows=int(np.count_nonzero(there)),
-        rmse=float(np.sqrt(np.mean(off**2))),
-        bias=float(np.mean(off)),
-        worst=float(off[np.argmax(np.abs(off))]),
-        inside=float(np.mean(np.abs(off) <= 2 * sds[there])),
-        size=float(np.sqrt(np.mean(measured[there] ** 2))),
+        rows=int(np.count_nonzero(both)),
+        rmse=float(np.sqrt(np.mean(error**2))),
+        bias=float(np.mean(error)),
+        worst=float(error[np.argmax(np.abs(error))]),
+        inside=float(np.mean(np.abs(error) <= 2 * sds[both])),
+        size=float(np.sqrt(np.mean(measured[both] ** 2))),
     )
 
 
@@ -328,17 +328,17 @@ def _innovations(track: Track, name: str) -> Innovations:
     step = track.recording.sample_time
     size = max(2, round(WINDOW / step))
     scaled = track.innovations[name] / track.expected[name]
-    there = np.isfinite(scaled)
-    stretches = np.split(scaled[there], breaks(track.rows[there], track.run[there]))
+    finite = np.isfinite(scaled)
+    stretches = np.split(scaled[finite], breaks(track.rows[finite], track.run[finite]))
     parts = [item for item in stretches if len(item) > 1]
     most = max(1, min(round(LAGS / step), MOST_LAGS))
-    known = correlation([(part, part) for part in parts], most) if parts else np.full(most + 1, np.nan)
+    autocorrelation = correlation([(part, part) for part in parts], most) if parts else np.full(most + 1, np.nan)
     return Innovations(
-        _rounded(windowed(running_time(track)[there], size)),
-        _rounded(windowed(scaled[there] ** 2, size)),
+        _rounded(windowed(running_time(track)[finite], size)),
+        _rounded(windowed(scaled[finite] ** 2, size)),
         *bounds(size),
         _rounded(np.arange(most + 1.0) * step),
-        _rounded(known),
+        _rounded(autocorrelation),
     )
 
 

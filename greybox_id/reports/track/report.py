@@ -52,14 +52,14 @@ def _how_sure(one: Digest) -> str:
 
 
 def _is_it_so(digest: Digest) -> str:
-    known = {name: item for name, item in digest.consistency.items() if isfinite(item.nis)}
-    if not known:
+    evaluated = {name: item for name, item in digest.consistency.items() if isfinite(item.nis)}
+    if not evaluated:
         return "There are too few readings to say whether the filter's standard deviations are right."
-    means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
+    means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in evaluated.items()])
     inside = listed(
         [
             f"{percent(item.inside)} of the windows for {signal_words(name)}"
-            for name, item in known.items()
+            for name, item in evaluated.items()
             if isfinite(item.inside)
         ]
     )
@@ -187,9 +187,9 @@ def noises(digest: Digest) -> Table:
         kind, _, of = name.partition("_")
         shares = " (as a share of its value)" if kind == "walk" and item.unit in ("", "1") else ""
         unit = f"{'1' if shares else pretty_unit(item.unit)}/√s" if kind == "walk" else pretty_unit(item.unit)
-        stated = NOISES[kind].format(signal_words(of)) + shares
+        meaning = NOISES[kind].format(signal_words(of)) + shares
         origin = f"{item.origin} on the first {digest.made.tuned_on:g} s" if item.origin == "tuned" else item.origin
-        rows.append((name, stated, number(item.size), unit, origin))
+        rows.append((name, meaning, number(item.size), unit, origin))
     return Table(("noise", "meaning", "size", "unit", "from"), tuple(rows), "lLrll")
 
 
