@@ -118,12 +118,12 @@ def adapt(
     """
     from .fitting import load
 
-    one = load(fit) if isinstance(fit, str | Path) else fit
-    if not isinstance(one, Fit):
-        raise BadInput(f"fit: a Fit or the path of its file is needed, not {one!r:.60}.")
+    source = load(fit) if isinstance(fit, str | Path) else fit
+    if not isinstance(source, Fit):
+        raise BadInput(f"fit: a Fit or the path of its file is needed, not {source!r:.60}.")
     new = given.one_recording(recording, columns)
     scored = None if validation is None else given.one_recording(validation, columns, "validation")
-    return adapted(one, new, seconds, free, scored, given.listed(calibrate, "calibrate"), say=progress or quiet)
+    return adapted(source, new, seconds, free, scored, given.listed(calibrate, "calibrate"), say=progress or quiet)
 
 
 def adapted(
@@ -141,17 +141,19 @@ def adapted(
 def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | None:
     """The training recordings of a fit; None if one of them is missing or has changed."""
     if isinstance(fit, FitResult) and fit.recordings:
-        return [one for one, record in zip(fit.recordings, fit.data, strict=False) if record.role == "train"]
+        return [
+            recording for recording, record in zip(fit.recordings, fit.data, strict=False) if record.role == "train"
+        ]
     file = fit_file or (fit.file if isinstance(fit, FitResult) else None)
     result = []
     for record in (item for item in fit.data if item.role == "train"):
         try:
-            one = read_file(found_again(record, file), record.mapping)
-            if one.source.sha256 != record.sha256:
+            recording = read_file(found_again(record, file), record.mapping)
+            if recording.source.sha256 != record.sha256:
                 return None
-            one = one.between(*span(record.between)) if record.between else one
-            one = one.where(record.where) if record.where else one
+            recording = recording.between(*span(record.between)) if record.between else recording
+            recording = recording.where(record.where) if record.where else recording
         except BadInput:
             return None
-        result.append(one)
+        result.append(recording)
     return result or None

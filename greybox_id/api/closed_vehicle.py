@@ -51,9 +51,9 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     ranked = {one.effect: one for one in gap.ranking}
     if closed is None:
         settings = model.settings if model is not None and model.name == gap.model else {}
-        known = before if model is not None and model.name == gap.model else {}
+        stated_effects = before if model is not None and model.name == gap.model else {}
         added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked and ranked[name].lasts}
-        chosen = ChosenModel(gap.model, settings, {**known, **added})
+        chosen = ChosenModel(gap.model, settings, {**stated_effects, **added})
         values = dict(vehicle.values)
     else:
         added = {}
@@ -141,8 +141,8 @@ def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
     protocol = FREE_RUN
     if isinstance(model, MemoryModel):
         protocol = "honest" if model.feedback is None else "closed_loop"
-    known = fit.metrics.get("train", {}).get(protocol, {})
-    left = {output: float(known[output]["rmse"]) for output in model.outputs if output in known}
+    errors = fit.metrics.get("train", {}).get(protocol, {})
+    left = {output: float(errors[output]["rmse"]) for output in model.outputs if output in errors}
     return {output: rmse for output, rmse in left.items() if isfinite(rmse) and rmse > 0}
 
 

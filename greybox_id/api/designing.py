@@ -192,21 +192,23 @@ def design(
     else:
         assert made is not None
         model = nominal_of(source, made)
-    entry = usual_limits(model, (where.length, where.breadth))
+    allowed = usual_limits(model, (where.length, where.breadth))
     file = "" if limits is None or isinstance(limits, Mapping) else f" {limits}"
     read = {} if limits is None else dict(limits) if isinstance(limits, Mapping) else read_limits(limits)
     more: dict[str, object] = {}
-    known = given.vehicle(vehicle)
+    car = given.vehicle(vehicle)
     for name, part in (
-        ("vehicle›", {} if known is None or known.steer_max is None else {"steer_max": known.steer_max}),
+        ("vehicle›", {} if car is None or car.steer_max is None else {"steer_max": car.steer_max}),
         (f"limits›{file}", read),
         ("speed_max›", {} if speed_max is None else {"speed_max": speed_max}),
         ("grip›", {} if grip is None else {"grip": grip}),
     ):
-        stated(entry, part, f"‹{name}")  # the message names the source of the error
+        stated(allowed, part, f"‹{name}")  # the message names the source of the error
         more |= part
-    entry = must_agree(stated(entry, more, "‹limits›"))
-    design_task = DesignTask(where, entry, float(duration), float(rate), int(repeat), int(seed), driver, float(effort))
+    allowed = must_agree(stated(allowed, more, "‹limits›"))
+    design_task = DesignTask(
+        where, allowed, float(duration), float(rate), int(repeat), int(seed), driver, float(effort)
+    )
     if isinstance(source, Fit):
         result = precise(source, parameters, criterion, design_task, say)
     elif chosen == "discriminate":
@@ -250,16 +252,16 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
     try:
         design_result = design(gap, "discriminate", arena=arena, progress=progress)
     except BadInput as error:  # keep the diagnosis anyway
-        known: tuple[str, ...] = (f"{lead}: {error}",)
+        advice: tuple[str, ...] = (f"{lead}: {error}",)
     else:
         expected = "; ".join(f"{' or '.join(item.pair)} by {item.nats:.0f} nats" for item in design_result.separation)
         way = f"{design_result.sentence[:1].lower()}{design_result.sentence[1:]}"
         where = f"In {design_result.arena.words}, {design_result.duration:.1f} s"
         drive = f"{lead}, drive {way} {where} of driving are expected to distinguish {expected}."
-        known = (*((drive,) if design_result.phases else ()), *design_result.impossible)
+        advice = (*((drive,) if design_result.phases else ()), *design_result.impossible)
     alike = [(item.effect, *item.indistinguishable_from) for item in gap.ranking if item.indistinguishable_from]
     instead = tuple(f"{to_distinguish(item)}: " for item in alike if set(names) <= {*item})
-    return replace(gap, advice=(*known, *(line for line in gap.advice if not line.startswith(instead))))
+    return replace(gap, advice=(*advice, *(line for line in gap.advice if not line.startswith(instead))))
 
 
 def targets(folder: str | Path) -> Path:

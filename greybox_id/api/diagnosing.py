@@ -114,9 +114,9 @@ def diagnose(
             raise BadInput(f"{', '.join(more)}: cannot be used with ‹since›; omit it.")
         with known(nominal, *tried.values()):
             changed = diagnose_change(nominal, recordings, before, tried, vehicle=stated, held_out=others, say=progress)
-        entry = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
+        doubted_change = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
         made = made_with(nominal, changed.vehicle, recordings, others, seed)
-        return ChangeResult.since_then(entry, made, changed.vehicle)
+        return ChangeResult.since_then(doubted_change, made, changed.vehicle)
     options = dict(more)
     with known(nominal, *tried.values()):
         result = diagnose_gap(

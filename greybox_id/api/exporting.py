@@ -121,8 +121,10 @@ def export(
     exported = with_choices(given.model(model), given.choices(fix))
     where = source or (exported.name if fit is None else "fit")
     subject = Subject(exported, name, moving(exported, parameters), fit, where, command, stated)
-    known = (*_assumed(exported, added), *cautions(subject, target))
-    return Exported(export_subject(subject, target, to), target, name, exported.name, known, origins(subject, target))
+    warnings = (*_assumed(exported, added), *cautions(subject, target))
+    return Exported(
+        export_subject(subject, target, to), target, name, exported.name, warnings, origins(subject, target)
+    )
 
 
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:
@@ -137,8 +139,8 @@ def _assumed(model: Model, stated: Magnitudes) -> list[str]:
 
 def identifier(folder: str | Path) -> str:
     """A folder's name, converted to an identifier of C; for a single file, its name without suffix."""
-    value = Path(folder).resolve()
-    name = value.stem if value.suffix in ALONE.values() else value.name
+    path = Path(folder).resolve()
+    name = path.stem if path.suffix in ALONE.values() else path.name
     result = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
     if not result:
         raise BadInput(

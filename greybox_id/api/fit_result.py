@@ -76,8 +76,8 @@ class FitResult(NamedEstimates):
         warnings: tuple[str, ...] = (),
     ) -> FitResult:
         """Wrap a fit."""
-        value = {one.name: getattr(fit, one.name) for one in fields(Fit)}
-        return cls(**value, recordings=recordings, file=file, vehicle=vehicle, warnings=warnings)
+        attributes_of_fit = {one.name: getattr(fit, one.name) for one in fields(Fit)}
+        return cls(**attributes_of_fit, recordings=recordings, file=file, vehicle=vehicle, warnings=warnings)
 
     @property
     def nobs(self) -> int:
@@ -118,8 +118,8 @@ class FitResult(NamedEstimates):
         ------
         BadInput : if a recording is missing or has changed, or was made in memory and is not available.
         """
-        left = [predictions.residuals(self, recording) for recording in self.seen("train")]
-        tables = [pd.DataFrame(dict(item.signals), index=pd.Index(item.time, name="time")) for item in left]
+        residuals = [predictions.residuals(self, recording) for recording in self.seen("train")]
+        tables = [pd.DataFrame(dict(item.signals), index=pd.Index(item.time, name="time")) for item in residuals]
         return pd.concat(tables, keys=[item.name for item in self.data if item.role == "train"], names=["recording"])
 
     def compare(self, *others: Fit) -> pd.DataFrame:
@@ -143,8 +143,8 @@ class FitResult(NamedEstimates):
         data = [
             {replace(record, path="", column_map="") for record in fit.data if record.role == "train"} for fit in fits
         ]
-        for fit, seen in zip(fits, data, strict=True):
-            if seen != data[0]:
+        for fit, training in zip(fits, data, strict=True):
+            if training != data[0]:
                 raise BadInput(
                     f"others: the fit of {fit.model.name} was made with other training data; fit both to the same "
                     "recordings, or compare them on one recording with score."

@@ -233,9 +233,9 @@ def load(
     if not isinstance(path, str | Path):
         raise BadInput(f"path: the path of a fit's file is needed, not {path!r:.60}.")
     several = [models] if isinstance(models, Model | str) else list(models)
-    value = [own_model(one) if isinstance(one, str) else one for one in several]
+    own_models = [own_model(one) if isinstance(one, str) else one for one in several]
     added = [effects] if isinstance(effects, Effect | str) else list(effects)
-    brought = [own_effect(one) if isinstance(one, str) else one for one in added]
+    own_effects = [own_effect(one) if isinstance(one, str) else one for one in added]
     install()
-    with known(*value, *brought):
+    with known(*own_models, *own_effects):
         return FitResult.of(load_fit(path, build), file=Path(path))

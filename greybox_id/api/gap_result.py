@@ -144,23 +144,23 @@ class ChangeResult(GapResult):
     @classmethod
     def since_then(cls, change: Changed, made: Made, vehicle: Vehicle) -> ChangeResult:
         """Wrap a diagnosis of changes."""
-        known = {one.name: getattr(change.gap, one.name) for one in fields(Gap)}
-        return cls(**known, made=made, vehicle=vehicle, change=change)
+        attributes = {one.name: getattr(change.gap, one.name) for one in fields(Gap)}
+        return cls(**attributes, made=made, vehicle=vehicle, change=change)
 
     @property
-    def _told(self) -> Changed:
+    def _found(self) -> Changed:
         assert self.change is not None  # set by since_then
         return self.change
 
     @property
     def since(self) -> tuple[str, ...]:
         """Names of the recordings from before."""
-        return self._told.since
+        return self._found.since
 
     @property
     def scatter(self) -> Mapping[str, tuple[float, float]]:
         """Effect -> mean and standard deviation of its magnitude over the recordings from before."""
-        return self._told.scatter
+        return self._found.scatter
 
     @property
     def changed(self) -> pd.DataFrame:
@@ -171,7 +171,7 @@ class ChangeResult(GapResult):
                 "lower": item["interval"][0],
                 "upper": item["interval"][1],
             }
-            for item in self._told.changed
+            for item in self._found.changed
         ]
         columns = ["effect", "magnitude", "lower", "upper", "unit", "before", "probability", "gain", "share"]
         return pd.DataFrame(rows, columns=columns)
@@ -179,23 +179,23 @@ class ChangeResult(GapResult):
     @property
     def not_changed(self) -> pd.DataFrame:
         """One row per effect that did not: `effect`, and `within`, twice its standard deviation with scatter."""
-        return pd.DataFrame(self._told.not_changed, columns=["effect", "within"])
+        return pd.DataFrame(self._found.not_changed, columns=["effect", "within"])
 
     @property
     def not_seen(self) -> tuple[str, ...]:
         """Effects whose usual change is below the detection limit of these recordings."""
-        return tuple(self._told.not_seen)
+        return tuple(self._found.not_seen)
 
     def summary(self) -> str:
         """The diagnosis as text."""
-        return "\n".join([*changed_lines(self._told), super().summary()])
+        return "\n".join([*changed_lines(self._found), super().summary()])
 
     def __repr__(self) -> str:
         head = f"Change of {self.model} on {', '.join(self.recordings)}"
-        return "\n".join([head, *(f"  {line}" for line in changed_lines(self._told)[: MOST_SHOWN + 1])])
+        return "\n".join([head, *(f"  {line}" for line in changed_lines(self._found)[: MOST_SHOWN + 1])])
 
     def _repr_html_(self) -> str:
-        head = escape(f"Change of {self.model} on {', '.join(self.recordings)}: {changed_lines(self._told)[0]}")
+        head = escape(f"Change of {self.model} on {', '.join(self.recordings)}: {changed_lines(self._found)[0]}")
         table: Any = self.changed
         return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=number)}"
 
@@ -206,10 +206,10 @@ def changed_lines(changed: Changed) -> list[str]:
     if not changed.changed:
         return [f"changed  nothing beyond the scatter of {before}"]
     lines = [f"changed  beyond the scatter of {before}"]
-    for each in changed.changed:
-        low, high = (number(end) for end in each["interval"])
+    for cause in changed.changed:
+        low, high = (number(end) for end in cause["interval"])
         lines.append(
-            f"{each['effect']}: {number(each['magnitude'])} [{low}, {high}] {pretty_unit(each['unit'])}, before "
-            f"{number(each['before'])}"
+            f"{cause['effect']}: {number(cause['magnitude'])} [{low}, {high}] {pretty_unit(cause['unit'])}, before "
+            f"{number(cause['before'])}"
         )
     return lines

@@ -69,17 +69,17 @@ def _steady(equations: Equations, rates: cs.Function, v_x: float, steer: float) 
     loose_u = [k for k, name in enumerate(inputs) if name == "drive"] if "v_x" in states else []
     scale = np.array([*(state.scale for state in model.states), *([1.0] * (len(states) - len(model.states)))])
 
-    def off(free: Array) -> Array:
+    def scaled_rates(free: Array) -> Array:
         x, u = x_0.copy(), u_0.copy()
         x[loose_x], u[loose_u] = free[: len(loose_x)], free[len(loose_x) :]
-        left: Array = np.asarray(rates(x, u).full(), dtype=float).ravel() / scale
-        return left
+        scaled: Array = np.asarray(rates(x, u).full(), dtype=float).ravel() / scale
+        return scaled
 
     start = np.concatenate([x_0[loose_x], u_0[loose_u]])
     result = start
     if len(start):
-        result = np.asarray(least_squares(off, start, x_scale="jac", xtol=EXACT, ftol=EXACT, gtol=EXACT).x)
-    if not np.max(np.abs(off(result)), initial=0.0) < SETTLED:
+        result = np.asarray(least_squares(scaled_rates, start, x_scale="jac", xtol=EXACT, ftol=EXACT, gtol=EXACT).x)
+    if not np.max(np.abs(scaled_rates(result)), initial=0.0) < SETTLED:
         raise BadInput(f"{model.name} has no steady state at v_x = {v_x:g} m/s and steer = {steer:g} rad.")
     x_0[loose_x], u_0[loose_u] = result[: len(loose_x)], result[len(loose_x) :]
     return x_0, u_0

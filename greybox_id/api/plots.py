@@ -91,20 +91,20 @@ class FitPlots:
         -------
         (outputs,) of matplotlib Axes, one per recorded output.
         """
-        value = self._recording(recording, columns)
-        result = predictions.predict(self._fit, value, horizon)
-        names = [name for name in result.signals if name in value]
+        read = self._recording(recording, columns)
+        predicted = predictions.predict(self._fit, read, horizon)
+        names = [name for name in predicted.signals if name in read]
         drawn = _rows(axes, len(names), "time [s]")
         for ax, name in zip(drawn, names, strict=True):
-            for k, (rows, time) in enumerate(_laid(value.time, value.runs)):
+            for k, (rows, time) in enumerate(_laid(read.time, read.runs)):
                 words = "simulated" if horizon is None else f"{horizon:g} s ahead"
-                for values, line in ((value[name], MEASURED), (result[name], SIMULATED | {"label": words})):
+                for values, line in ((read[name], MEASURED), (predicted[name], SIMULATED | {"label": words})):
                     ax.plot(time, values[rows], **line if k == 0 else line | {"label": None})
             ax.set_ylabel(_label(self._fit.model, name))
         if names:
             beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False}
             drawn[0].legend(**beside, borderaxespad=0.2)  # above the axes, where it covers no lines
-            drawn[0].set_title(f"{self._fit.model.name} on {value.name}", loc="left")
+            drawn[0].set_title(f"{self._fit.model.name} on {read.name}", loc="left")
         return drawn
 
     def residuals(
@@ -116,16 +116,16 @@ class FitPlots:
         columns: Columns = "canonical",
     ) -> np.ndarray[Any, Any]:
         """Measured minus simulated over time; parameters and result as in `measured_and_simulated`."""
-        value = self._recording(recording, columns)
-        left = predictions.residuals(self._fit, value, horizon)
-        drawn = _rows(axes, len(left.signals), "time [s]")
-        for ax, (name, values) in zip(drawn, left.signals.items(), strict=True):
-            for rows, time in _laid(value.time, value.runs):
+        read = self._recording(recording, columns)
+        residual = predictions.residuals(self._fit, read, horizon)
+        drawn = _rows(axes, len(residual.signals), "time [s]")
+        for ax, (name, values) in zip(drawn, residual.signals.items(), strict=True):
+            for rows, time in _laid(read.time, read.runs):
                 ax.plot(time, values[rows], **look(BLUE, 0.8))
             ax.axhline(0.0, **ZERO)
             ax.set_ylabel(_label(self._fit.model, name))
         if len(drawn):
-            drawn[0].set_title(f"residuals of {self._fit.model.name} on {value.name}")
+            drawn[0].set_title(f"residuals of {self._fit.model.name} on {read.name}")
         return drawn
 
     def tyres(self, *, slip: float | None = None, v_x: float | None = None, ax: Axes | None = None) -> Axes:
@@ -192,10 +192,10 @@ class FitPlots:
         ax : matplotlib Axes to draw into.
         """
         intervals, params = self._fit.conf_int(level), self._fit.params
-        known = [p.name for p in self._fit.model.parameters if p.shape == () and not p.fixed]
+        free = [p.name for p in self._fit.model.parameters if p.shape == () and not p.fixed]
         for name in names:
-            must_be_one_of(known, name, "names: there is no free parameter")
-        chosen = list(names) or known
+            must_be_one_of(free, name, "names: there is no free parameter")
+        chosen = list(names) or free
         ax = ax if ax is not None else plt.subplots(figsize=(6.4, 1.2 + 0.3 * len(chosen)), layout="constrained")[1]
         for k, name in enumerate(chosen):
             at, low, high = float(params[name]), float(intervals["lower"][name]), float(intervals["upper"][name])
@@ -203,8 +203,8 @@ class FitPlots:
             ax.plot([low / scale, high / scale], [k, k], **look(BLUE, 2.0))
             ax.plot(at / scale, k, **look(BLUE, dots=3.0))
         units = [pretty_unit(self._fit.model[name].unit) for name in chosen]
-        entry = [f"{name} = {number(params[name])} {unit}" for name, unit in zip(chosen, units, strict=True)]
-        ax.set_yticks(range(len(chosen)), entry)
+        labels = [f"{name} = {number(params[name])} {unit}" for name, unit in zip(chosen, units, strict=True)]
+        ax.set_yticks(range(len(chosen)), labels)
         ax.invert_yaxis()
         ax.set(xlabel=f"{100 * level:g} % interval over |estimate|", title=f"parameters of {self._fit.model.name}")
         return ax
@@ -302,11 +302,11 @@ def _laid(time: Array, runs: Sequence[tuple[int, int]]) -> list[tuple[slice, Arr
     result: list[tuple[slice, Array]] = []
     end, moved = -np.inf, 0.0
     for start, stop in runs:
-        value = time[start:stop]
-        if len(value) and value[0] + moved <= end:
-            moved = end - float(value[0]) + (float(value[1] - value[0]) if len(value) > 1 else 0.0)
-        result.append((slice(start, stop), value + moved))
-        end = float(value[-1]) + moved if len(value) else end
+        times = time[start:stop]
+        if len(times) and times[0] + moved <= end:
+            moved = end - float(times[0]) + (float(times[1] - times[0]) if len(times) > 1 else 0.0)
+        result.append((slice(start, stop), times + moved))
+        end = float(times[-1]) + moved if len(times) else end
     return result
 
 

@@ -237,13 +237,13 @@ def simulated(
     ----------
     fix : parameters that are fixed at your own values.
     """
-    chosen, value = _both(model, recording, vehicle, effects, columns)
+    chosen, read = _both(model, recording, vehicle, effects, columns)
     chosen = with_choices(chosen, given.choices(fix))
     states = state_values(start or {}, chosen)
-    warnings = [*assumed(chosen, value, states), *doubts_of_drive(chosen, [value])]
-    result = simulate_runs(chosen, value, states)
-    table = as_table(chosen, value, result, "simulated")
-    return Predicted(chosen, value, result, "free run", chosen.name, {"start": states, "warnings": warnings}, table,
+    warnings = [*assumed(chosen, read, states), *doubts_of_drive(chosen, [read])]
+    result = simulate_runs(chosen, read, states)
+    table = as_table(chosen, read, result, "simulated")
+    return Predicted(chosen, read, result, "free run", chosen.name, {"start": states, "warnings": warnings}, table,
                      SIMULATIONS)  # fmt: skip
 
 
@@ -279,26 +279,26 @@ def predicted(
         )
     if (seconds is not None or posterior is not None) and not isinstance(model, Fit):
         raise BadInput(f"model: a fit is needed, since only a fit knows its noise, not {model!r:.60}.")
-    chosen, value = _both(model, recording, vehicle, effects, columns)
+    chosen, read = _both(model, recording, vehicle, effects, columns)
     how, facts = predicted_how(chosen, horizon, open_loop)
     called = f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}"
     if seconds is not None:
         assert isinstance(model, Fit)
         memory = must_have_timing(chosen)
-        timing = calibrated_timing(model, value, seconds)
-        result = calibrated_predictions(memory, value, timing, open_loop=open_loop)
+        timing = calibrated_timing(model, read, seconds)
+        result = calibrated_predictions(memory, read, timing, open_loop=open_loop)
         facts, called = facts | {"timing": timing.as_dict()}, f"{chosen.name}, {calibration_words(seconds)}"
     elif posterior is not None:
         assert isinstance(model, Fit)
         draws = posterior if isinstance(posterior, Posterior) else load_posterior(posterior)
-        band = predictive_band(model, draws, value, horizon)
+        band = predictive_band(model, draws, read, horizon)
         covered = dict(zip(chosen.outputs, band.coverage().tolist(), strict=True))
         file = {} if posterior is draws else {"file": str(posterior)}
         facts = facts | {"posterior": {**file, "draws": band.draws, "level": band.level, "coverage": covered}}
-        return Predicted(chosen, value, band.mean, how, called, facts, banded_table(chosen, value, band))
+        return Predicted(chosen, read, band.mean, how, called, facts, banded_table(chosen, read, band))
     else:
-        result = predict_rows(chosen, value, None if horizon is None else float(horizon), open_loop=open_loop)
-    return Predicted(chosen, value, result, how, called, facts, as_table(chosen, value, result, "predicted"))
+        result = predict_rows(chosen, read, None if horizon is None else float(horizon), open_loop=open_loop)
+    return Predicted(chosen, read, result, how, called, facts, as_table(chosen, read, result, "predicted"))
 
 
 def residuals(
@@ -308,10 +308,10 @@ def residuals(
     columns: Columns = "canonical",
 ) -> Recording:
     """Measured minus predicted, on the recording's time, in SI units."""
-    value = given.one_recording(recording, columns)
-    result = predict(model, value, horizon)
-    left = {name: value[name] - values for name, values in result.signals.items() if name in value}
-    return replace(result, name=f"{result.name}, residuals", signals=left)
+    read = given.one_recording(recording, columns)
+    predictions = predict(model, read, horizon)
+    residual = {name: read[name] - values for name, values in predictions.signals.items() if name in read}
+    return replace(predictions, name=f"{predictions.name}, residuals", signals=residual)
 
 
 @understood
@@ -343,7 +343,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     >>> gb.score(gb.models.kinematic(vehicle="roboracer"), lap)["protocol"].unique().tolist()
     ['0.1 s ahead', '0.5 s ahead', '1 s ahead', '2 s ahead', 'free run']
     """
-    chosen, value = _both(model, recording, None, (), columns)
+    chosen, read = _both(model, recording, None, (), columns)
     rows = [
         {
             "output": name,
@@ -356,7 +356,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
             "fvu": error.fvu,
             "samples": error.samples,
         }
-        for protocol, errors in score_model(chosen, value).items()
+        for protocol, errors in score_model(chosen, read).items()
         for name, error in errors.items()
     ]
     return pd.DataFrame(rows).sort_values(["output", "horizon"], kind="stable", ignore_index=True)
@@ -380,11 +380,11 @@ def _seconds(protocol: str) -> float:
 def _both(
     model: ModelLike | Fit, recording: Recording | str | Path, vehicle: VehicleLike, effects: Effects, columns: Columns
 ) -> tuple[Model, Recording]:
-    chosen, value = given.model(model, vehicle, effects), given.one_recording(recording, columns)
+    chosen, read = given.model(model, vehicle, effects), given.one_recording(recording, columns)
     if isinstance(model, Fit):
-        value = as_fitted(model, value)
-    must_be_recorded(chosen, [value])
-    return chosen, value
+        read = as_fitted(model, read)
+    must_be_recorded(chosen, [read])
+    return chosen, read
 
 
 def _as_recording(model: Model, recording: Recording, prediction: Prediction, suffix: str) -> Recording:
@@ -422,11 +422,13 @@ class Validation:
 
     def parts(self) -> Iterator[RenderableType]:
         """The text of the validation, part by part."""
-        value, beside = self._tables()
+        errors, persistence = self._tables()
         yield verdict_table(self.verdict)
         yield ""
         unit = self.units.__getitem__
-        yield motion_errors_table(value, unit_of=unit, beside=beside) if beside else errors_table(value, unit)
+        yield (
+            motion_errors_table(errors, unit_of=unit, beside=persistence) if persistence else errors_table(errors, unit)
+        )
 
     def summary(self) -> str:
         """The text that `greybox validate` prints: the verdict and the errors."""
@@ -434,16 +436,16 @@ class Validation:
 
     def as_dict(self) -> dict[str, Any]:
         """The validation as plain data."""
-        value, beside = self._tables()
-        more = {"persistence": beside} if beside else {}
-        return {**self.verdict.as_dict(), "model": self.model, "metrics": value, **more}
+        errors, persistence = self._tables()
+        more = {"persistence": persistence} if persistence else {}
+        return {**self.verdict.as_dict(), "model": self.model, "metrics": errors, **more}
 
     def __repr__(self) -> str:
         return f"Validation of {self.model} on {', '.join(self.scores)}: {self.verdict.usability}"
 
     def _tables(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        value, beside = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
-        return value, beside
+        errors, persistence = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
+        return errors, persistence
 
 
 def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
@@ -453,8 +455,10 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     """
     model = fit.model
     must_be_recorded(model, list(recordings.values()))
-    result = {name: distrust(used_signals(fit.model), recording, faults=True) for name, recording in recordings.items()}
+    distrusts = {
+        name: distrust(used_signals(fit.model), recording, faults=True) for name, recording in recordings.items()
+    }
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
-    value = judgement(fit, recordings, result, data)
+    judged = judgement(fit, recordings, distrusts, data)
     units = {name: model.unit(name) for name in model.outputs}
-    return Validation(model.name, value.verdict, value.scores, value.persistence, units)
+    return Validation(model.name, judged.verdict, judged.scores, judged.persistence, units)

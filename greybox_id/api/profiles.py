@@ -199,18 +199,20 @@ def profiles(
 ) -> Profiles:
     """Profiles of several parameters in `jobs` parallel processes; Ctrl-C keeps the finished ones."""
     problem, solution = restated(fit, matched(trained(fit), recordings))
-    known = uncertainty(problem, solution.x, solution.nodes)
+    uncertainties = uncertainty(problem, solution.x, solution.nodes)
     away, pace, finished = apart(len(names), jobs), Pace(len(names)), itertools.count(1)
 
     def work(k: int) -> ProfileBeside:
         if not away:
             say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
         at = place(problem, fit.model, names[k])
-        ratio = wider(fit, names[k], float(known.sd[at]))
-        value = profile_one(problem, solution.x, solution.nodes, at, known=known, confidence=confidence, wider=ratio)
-        intervals = (known.interval(confidence, one)[at] for one in (ratio, 1.0))
+        ratio = wider(fit, names[k], float(uncertainties.sd[at]))
+        value = profile_one(
+            problem, solution.x, solution.nodes, at, known=uncertainties, confidence=confidence, wider=ratio
+        )
+        intervals = (uncertainties.interval(confidence, one)[at] for one in (ratio, 1.0))
         both, noise = ((float(low), float(high)) for low, high in intervals)
-        return ProfileBeside(value, both, ratio * float(known.sd[at]), noise, float(known.sd[at]))
+        return ProfileBeside(value, both, ratio * float(uncertainties.sd[at]), noise, float(uncertainties.sd[at]))
 
     def done_with(k: int, profile_beside: ProfileBeside) -> bool:
         del profile_beside
@@ -221,7 +223,7 @@ def profiles(
     done = side_by_side(work, len(names), jobs, done_with)
     result = {names[k]: done.by_number[k] for k in sorted(done.by_number)}
     missed = [name for name in names if name not in result]
-    return Profiles(fit, confidence, result, missed, _moved(fit, problem, solution, known))
+    return Profiles(fit, confidence, result, missed, _moved(fit, problem, solution, uncertainties))
 
 
 def profiles_target(out: str) -> Path:

@@ -134,9 +134,9 @@ class PosteriorResult(Posterior):
         """
         must_be_horizon(horizon)
         given.must_be_share(level, "level")
-        value = given.one_recording(recording, columns)
-        must_be_recorded(fit.model, [value])
-        return banded_table(fit.model, value, predictive_band(fit, self, value, horizon, level=level))
+        read = given.one_recording(recording, columns)
+        must_be_recorded(fit.model, [read])
+        return banded_table(fit.model, read, predictive_band(fit, self, read, horizon, level=level))
 
     def corner(self, names: Sequence[str] | None = None) -> Figure:
         """Corner plot: histograms of parameters on the diagonal, scatter plots of pairs below.

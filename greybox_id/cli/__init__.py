@@ -13,7 +13,7 @@ from ..base.errors import GreyboxError
 from ..base.version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
-from .terminal import NotTaken, clean, drop_output, interrupts, streams, tell
+from .terminal import OutputFailed, clean, drop_output, interrupts, streams, tell
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
@@ -48,7 +48,7 @@ def main() -> None:
     """
     gc.set_threshold(*COLLECTED)
     with warnings.catch_warnings(), streams(), interrupts() as sent:
-        warnings.showwarning = _unsaid
+        warnings.showwarning = _discarded
         try:
             _run(sent)
             if sent:  # results so far have been kept
@@ -59,7 +59,7 @@ def main() -> None:
             _end("interrupted", INTERRUPTED)
 
 
-def _unsaid(
+def _discarded(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, file: Any = None, line: Any = None
 ) -> None:
     """Discards warnings; filters that turn them into errors still do."""
@@ -74,7 +74,7 @@ def _run(sent: list[int]) -> None:
         except SystemExit as end:
             code = end.code
         sys.stdout.flush()
-    except NotTaken as error:
+    except OutputFailed as error:
         drop_output()
         if not isinstance(error.reason, BrokenPipeError):
             _end(f"standard output cannot be written: {error.reason.strerror}.", 2)

@@ -94,18 +94,18 @@ def check_command(
         if before:
             write_atomically(before, target.read_text(encoding="utf-8"))
         write_atomically(target, map_text(column_map(mapping)), continued=before is not None)
-    kept = str(before) if before and changes else None
+    backup = str(before) if before and changes else None
     if as_json:
-        done = {"written": repair if changes else None, "kept": kept, "changes": list(changes)}
-        known = {"repair": done} if repair else {}
-        print_json({"files": [as_dict(*result) for result in results], **known})
+        done = {"written": repair if changes else None, "kept": backup, "changes": list(changes)}
+        repairs = {"repair": done} if repair else {}
+        print_json({"files": [as_dict(*result) for result in results], **repairs})
     else:
         for recording, findings in results:
             show_findings(recording, findings, console())
         if repair:
             console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
-            if kept:
-                console().print(f"written  {kept}: the map before the repair")
+            if backup:
+                console().print(f"written  {backup}: the map before the repair")
         elif any(repaired(column_map(columns), findings) for _, findings in results):
             wheels = ["--wheelbase", f"{wheelbase:g}"] if wheelbase else []
             again = ["greybox", "data", "check", *files, "--columns", columns, *wheels, "--repair", _free_name()]
@@ -214,7 +214,7 @@ def join_command(
         recording = part_asked(recording)
         write(recording, target)
     if as_json:
-        known = [
+        rows = [
             {
                 "file": offset.file, "against": offset.against, "signal": offset.signal or None,
                 "offset_s": offset.seconds, "sd_s": offset.sd,
@@ -223,7 +223,7 @@ def join_command(
             }
             for offset in offsets
         ]  # fmt: skip
-        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "offsets": known})
+        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "offsets": rows})
         return
     screen = console()
     screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")

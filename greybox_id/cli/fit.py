@@ -155,8 +155,8 @@ def fit(
         )
     path = replace(result, command=command_line()).save(target)
     if as_json:
-        entry = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
-        print_json(result.to_json() | entry)
+        more = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
+        print_json(result.to_json() | more)
     else:
         show(result.parts())
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")

@@ -133,8 +133,8 @@ def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed
 
     Numbers that are not finite become null.
     """
-    known = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
-    return KIND.text(finite(plain({**known, **asdict(made), "written": [str(target) for target in written]})))
+    body = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
+    return KIND.text(finite(plain({**body, **asdict(made), "written": [str(target) for target in written]})))
 
 
 def show(out: Console, gap: Gap) -> None:

@@ -141,10 +141,10 @@ def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
         "noise": "standard deviations of the sensors",
     }
     chosen = ChosenModel(model.name, dict(model.settings))
-    known = Vehicle(out.stem, values, like.effects if like else {}, like.noise if like else {}, model=chosen)
+    vehicle = Vehicle(out.stem, values, like.effects if like else {}, like.noise if like else {}, model=chosen)
     if out.suffix.lower() != ".toml":
         raise BadInput(f"‹out› {out}: a vehicle file that is to be edited ends in .toml; name it so.")
-    write_atomically(out, vehicle_text(known, comments))
+    write_atomically(out, vehicle_text(vehicle, comments))
 
 
 def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:
@@ -219,8 +219,8 @@ def _aliases(model: Model, name: str) -> tuple[str, ...]:
 
 
 def _input(model: Model, name: str) -> str:
-    known = [f"{aliase} [{pretty_unit(model.unit(aliase))}]" for aliase in _aliases(model, name)]
-    entry = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
+    names_with_units = [f"{alias} [{pretty_unit(model.unit(alias))}]" for alias in _aliases(model, name)]
+    entry = names_with_units[0] if len(names_with_units) == 1 else f"{name}: {' or '.join(names_with_units)}"
     return f"{entry} (otherwise {model.defaults[name]:g})" if name in model.defaults else entry
 
 

@@ -47,8 +47,8 @@ def names(known: Collection[str] | Callable[[], Collection[str]], files: str = "
 
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         del ctx, param
-        there = known() if callable(known) else known
-        result = [name for name in there if name.startswith(incomplete)]
+        known_names = known() if callable(known) else known
+        result = [name for name in known_names if name.startswith(incomplete)]
         if files:
             result += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
         return [CompletionItem(name) for name in result]
@@ -118,12 +118,12 @@ def option(help: str, metavar: str | None = None, *, name: str = "", default: An
     """
 
     def made(parameter: str, kind: Any) -> Decorator:
-        said = {"show_default": default not in (None, ""), **_of_type(kind, {"multiple": True}), **more}
-        if said.get("is_flag") and "show_default" not in more:
-            said["show_default"] = False
-        said |= {} if default is None else {"default": default}
+        keywords = {"show_default": default not in (None, ""), **_of_type(kind, {"multiple": True}), **more}
+        if keywords.get("is_flag") and "show_default" not in more:
+            keywords["show_default"] = False
+        keywords |= {} if default is None else {"default": default}
         return click.option(
-            name or f"--{parameter.replace('_', '-')}", parameter, help=help or None, metavar=metavar, **said
+            name or f"--{parameter.replace('_', '-')}", parameter, help=help or None, metavar=metavar, **keywords
         )
 
     return Declared(made)
@@ -156,10 +156,10 @@ def command(
             if isinstance(declared, Declared):
                 made = declared.made(key, parameter.annotation)
                 (options if declared.is_option else arguments).extend((*declared.before, made, *declared.after))
-        whole: Callable[..., Any] = function
+        callback: Callable[..., Any] = function
         for decorator in reversed((*arguments, *more, *options)):
-            whole = decorator(whole)
-        made = click.command(name, cls=cls)(whole)
+            callback = decorator(callback)
+        made = click.command(name, cls=cls)(callback)
         if of is not None:
             of.add_command(made)
         return made
@@ -424,10 +424,10 @@ def fit_of(file: str | Path) -> FitResult:
     from ..api.fitting import load
     from ..fitting.fit import NOT_USABLE
 
-    one = load(file)
-    if one.verdict is not None and one.verdict.usability == NOT_USABLE:
+    fit = load(file)
+    if fit.verdict is not None and fit.verdict.usability == NOT_USABLE:
         tell(
             f'warning: the verdict on {file} is "{NOT_USABLE}", so results of this fit are not usable either. '
-            f"Reason: {' '.join(one.verdict.reasons[:1])}"
+            f"Reason: {' '.join(fit.verdict.reasons[:1])}"
         )
-    return one
+    return fit

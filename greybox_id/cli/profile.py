@@ -36,10 +36,10 @@ def profile(
     """  # fmt: skip
     target = None if out is None else profiles_target(out)
     fit = fit_of(fit_file)
-    entry = profiled(fit, names, everything)
+    chosen = profiled(fit, names, everything)
     read = fit.seen("train", moved={"train": files}, columns=columns, otherwise=MOVED)
     with progress() as say:
-        result = profiles(fit, entry, read, confidence, jobs, say)
+        result = profiles(fit, chosen, read, confidence, jobs, say)
     if target is not None:
         result.save(target)
     if as_json:

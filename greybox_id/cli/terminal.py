@@ -17,7 +17,7 @@ import click
 from ..base.interrupts import interrupt, interrupts_return
 from ..reports.words import ORDERS, clean
 
-__all__ = ["NotTaken", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]
+__all__ = ["OutputFailed", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]
 
 
 def clean_json(text: str) -> str:
@@ -34,7 +34,7 @@ def tell(line: str) -> None:
 def streams() -> Iterator[None]:
     """Open missing standard streams, and print warnings of the toolbox on standard error as sentences."""
     _opened()
-    logger, handler = logging.getLogger("greybox_id"), _Told()
+    logger, handler = logging.getLogger("greybox_id"), _StandardError()
     logger.addHandler(handler)
     logger.propagate = False
     level = logger.level
@@ -76,7 +76,7 @@ def interrupts() -> Iterator[list[int]]:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
 
 
-class NotTaken(Exception):
+class OutputFailed(Exception):
     """Standard output cannot be written; `reason` is the system's error."""
 
     def __init__(self, reason: OSError) -> None:
@@ -94,13 +94,13 @@ class _Output:
         try:
             return self._stream.write(text)
         except OSError as error:
-            raise NotTaken(error) from error
+            raise OutputFailed(error) from error
 
     def flush(self) -> None:
         try:
             self._stream.flush()
         except OSError as error:
-            raise NotTaken(error) from error
+            raise OutputFailed(error) from error
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
@@ -112,7 +112,7 @@ def drop_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-class _Told(logging.Handler):
+class _StandardError(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         tell(f"warning: {record.getMessage()}" if record.levelno >= logging.WARNING else record.getMessage())
 

@@ -69,7 +69,7 @@ def partners(effect: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(other for other in result if other != effect and other not in always_alike(effect)))
 
 
-TELLS = 4.0
+DISTINGUISHABLE = 4.0
 """Least sum of squared differences, in noise variances, with which a recording distinguishes two causes."""
 HOPELESS = 400.0
 """Sum of squared differences after the first simulation above which the search for a magnitude is given up."""
@@ -85,12 +85,12 @@ class View:
     ----------
     simulate : effects -> noise-free readings in noise sds; deterministic.
     product : inner product of two changes of readings, without the part that parameters within tolerances can explain.
-    tells : least sum of squared differences, in noise variances, with which it distinguishes two causes.
+    threshold : least sum of squared differences, in noise variances, with which it distinguishes two causes.
     """
 
     simulate: Callable[[Mapping[str, float]], Array]
     product: Callable[[Array, Array], float]
-    tells: float = TELLS
+    threshold: float = DISTINGUISHABLE
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,8 @@ def indistinguishable(
         tried = [p for p in dict.fromkeys((*partners(name), *also)) if p in causes and p not in present]
         alike = [
             p for p in tried
-            if isfinite(causes[p].null) and all(_left(p, causes[p], rest, present, view) < view.tells for view in views)
+            if isfinite(causes[p].null)
+            and all(_left(p, causes[p], rest, present, view) < view.threshold for view in views)
         ]  # fmt: skip
         result[name] = (*(p for p in always_alike(name) if p not in present), *alike)
     return result
@@ -143,7 +144,7 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
     without = view.simulate(rest)
     change = view.simulate(present) - without
     all_of_it = view.product(change, change)
-    hopeless = max(HOPELESS, 4.0 * view.tells)
+    hopeless = max(HOPELESS, 4.0 * view.threshold)
     best, tried = inf, cause.probe if cause.sides != "down" else -cause.probe
     for step in range(STEPS + 1):
         try:
@@ -153,7 +154,7 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
         value, both = view.product(moved, moved), view.product(moved, change)
         if step > 0:
             best = min(best, all_of_it - 2.0 * both + value)
-        if best < view.tells or value <= 0.0 or (step > 1 and best > hopeless):
+        if best < view.threshold or value <= 0.0 or (step > 1 and best > hopeless):
             break
         if step == 0 and all_of_it - both**2 / value > max(hopeless, 0.2 * all_of_it):
             break

@@ -238,16 +238,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--diagnoser", default=DIAGNOSER)
-    value = parser.parse_args(arguments)
-    if value.part != "curves" and not value.folders:
-        parser.error(f"{value.part} needs the folders of examinations for development")
+    options = parser.parse_args(arguments)
+    if options.part != "curves" and not options.folders:
+        parser.error(f"{options.part} needs the folders of examinations for development")
     try:
-        if value.part == "curves":
+        if options.part == "curves":
             body = curves()
-        elif value.part == "thresholds":
-            body = thresholds(value.folders)
+        elif options.part == "thresholds":
+            body = thresholds(options.folders)
         else:
-            body = search(value.folders, value.draws, value.seed, value.jobs, value.diagnoser)
+            body = search(options.folders, options.draws, options.seed, options.jobs, options.diagnoser)
     except BadInput as error:
         parser.error(str(error))
     print(json.dumps(body, indent=1))

@@ -155,15 +155,17 @@ def make_changed(folder: Path, data: Path, seed: int, target: Sequence[str], job
 
 def _case(case: str, name: str, recording: Callable[[str], Recording]) -> ChangedCase:
     """A known change as a case."""
-    value = EVERY[name]
-    before, after = ([recording(one) for one in part if one] for part in (value.before, (value.after, value.held_out)))
+    change = EVERY[name]
+    before, after = (
+        [recording(one) for one in part if one] for part in (change.before, (change.after, change.held_out))
+    )
     answer = Answer(case, "null", "changed", {}, about={"what": name})
-    if value.fault:
-        effect, size = FAULTS[value.fault]
+    if change.fault:
+        effect, size = FAULTS[change.fault]
         after = [altered(one, effect, size) for one in after]
         answer = replace(answer, kind="single", effects={effect: size}, nulls={effect: INJECTIONS[effect].null})
-    elif value.grip:
-        lost = nan if not value.like else _saturated(after) / _saturated([recording(one) for one in value.like])
+    elif change.grip:
+        lost = nan if not change.like else _saturated(after) / _saturated([recording(one) for one in change.like])
         answer = replace(answer, kind="changed", effects={"grip_scale": lost}, nulls={"grip_scale": 1.0})
     return ChangedCase("dart", "", before, after, answer)
 

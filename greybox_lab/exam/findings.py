@@ -68,7 +68,7 @@ class ExamFinding:
     applied_right : number of present effects that were applied, each under a different name.
     classes : probability of each stated class of causes, and whether it contains a present effect.
     misplaced : share of the excess error that the budget gives to absent effects; NaN without a budget.
-    told : probability of each ranked effect, and whether it is present.
+    ranked : probability of each ranked effect, and whether it is present.
     claimed, verified : closed share of the gap as stated, and on the held-out recording; NaN if nothing was applied.
     of_truth : closed share on that recording relative to that of the present effects at their true magnitudes; zero if
         nothing was applied, NaN if unknown.
@@ -90,7 +90,7 @@ class ExamFinding:
     applied_right: int = 0
     classes: tuple[tuple[float, bool], ...] = ()
     misplaced: float = nan
-    told: tuple[tuple[float, bool], ...] = ()
+    ranked: tuple[tuple[float, bool], ...] = ()
     claimed: float = nan
     verified: float = nan
     of_truth: float = nan
@@ -175,7 +175,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
             for item in diagnosis.get("classes") or ()
         ),
         misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
-        told=tuple(
+        ranked=tuple(
             (float(item["probability"]), item["effect"] in answer.effects)
             for item in ranking
             if item["effect"] not in answer.nature

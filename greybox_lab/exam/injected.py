@@ -156,21 +156,21 @@ class Pool:
     @classmethod
     def of(cls, name: str, data: Path) -> Pool:
         """Read a source and divide it into recordings."""
-        value = SOURCES[name]
-        files = {file: _thinned(read(data / file, value.columns), value.rate) for file in value.files}
-        before, after = (_cut(files, part, value.seconds) for part in (value.before, value.after))
-        stated = vehicle(value.vehicle)
-        model = build(value.model, vehicle=stated) if value.model else motion_model_of(stated)
-        every = before if value.before == value.after else (*before, *after)
+        source = SOURCES[name]
+        files = {file: _thinned(read(data / file, source.columns), source.rate) for file in source.files}
+        before, after = (_cut(files, part, source.seconds) for part in (source.before, source.after))
+        stated = vehicle(source.vehicle)
+        model = build(source.model, vehicle=stated) if source.model else motion_model_of(stated)
+        every = before if source.before == source.after else (*before, *after)
         scatter = scatter_between(every)
-        measured = set(model.outputs) - set(value.derived)
+        measured = set(model.outputs) - set(source.derived)
         able = {key: scatter[key] for key, one in INJECTIONS.items() if key in scatter and _shows(one, every, measured)}
         return cls(name, before, after, able)
 
     def drawn(self, rng: np.random.Generator, seed: int) -> tuple[ChangedCase, ChangedCase]:
         """An altered case, and the same unaltered."""
-        value = SOURCES[self.name]
-        if value.before == value.after:
+        source = SOURCES[self.name]
+        if source.before == source.after:
             several = [self.before[k] for k in rng.permutation(len(self.before))[: RUNS + 2]]
             before, after = several[:RUNS], several[RUNS:]
         else:
@@ -180,7 +180,7 @@ class Pool:
         size = _magnitude(INJECTIONS[name], self.scatter[name], rng)
         about = {"source": self.name, "after": [f"{one.name} from {one.time[0]:g} s" for one in after]}
         plain = Answer("", "null", "injected", {}, seed=seed, about=about)
-        null = ChangedCase(value.vehicle, value.model, before, after, plain)
+        null = ChangedCase(source.vehicle, source.model, before, after, plain)
         answer = Answer("", "single", "injected", {name: size}, {name: INJECTIONS[name].null}, seed=seed, about=about,
                         scatter={name: self.scatter[name]})  # fmt: skip
         return replace(null, after=[altered(one, name, size) for one in after], answer=answer), null
@@ -204,12 +204,14 @@ def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: 
     """Consecutive moving recordings of about this length."""
     result = []
     for name, low, high in stretches:
-        value = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
-        fastest = np.nanmax(np.abs(value["v_x"]))
+        stretch = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
+        fastest = np.nanmax(np.abs(stretch["v_x"]))
         edges = (
-            np.linspace(0, len(value), max(1, round(len(value) * value.sample_time / seconds)) + 1).round().astype(int)
+            np.linspace(0, len(stretch), max(1, round(len(stretch) * stretch.sample_time / seconds)) + 1)
+            .round()
+            .astype(int)
         )
-        parts = (value.rows(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        parts = (stretch.rows(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
         result += [part for part in parts if np.nanmean(np.abs(part["v_x"])) > LEAST_SPEED * fastest]
     return tuple(result)
 

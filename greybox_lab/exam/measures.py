@@ -151,43 +151,43 @@ def measures(exam_findings: Sequence[ExamFinding], tier: Tier) -> tuple[Measure,
         kind: [item for item in exam_findings if item.answer.kind == kind]
         for kind in ("null", "single", "double", "many", "outside", "changed")
     }
-    above = [kind for kind in kinds["single"] if kind.answer.above]
-    off = [size.off for kind in kinds["changed"] for size in kind.sizes if isfinite(size.off)]
+    above = [item for item in kinds["single"] if item.answer.above]
+    off = [size.off for item in kinds["changed"] for size in item.sizes if isfinite(size.off)]
     library = kinds["single"] + kinds["double"] + kinds["many"]
     sizes = [size for item in library for size in item.sizes]
     applied = [item for item in library + kinds["outside"] if isfinite(item.claimed) and not isnan(item.verified)]
-    known = [pair for item in exam_findings for pair in item.told]
+    ranked = [pair for item in exam_findings for pair in item.ranked]
     classes = [pair for item in exam_findings for pair in item.classes]
     truly = [item.of_truth for item in library if not isnan(item.of_truth)]
     causes = [k < item.applied_right for item in library for k in range(len(item.answer.effects))]
     cpu = [item.cpu for item in exam_findings if isfinite(item.cpu)]
     values = {
-        "false_alarms": _share(kind.detected for kind in kinds["null"]),
+        "false_alarms": _share(item.detected for item in kinds["null"]),
         "detection": _share(item.detected for item in exam_findings if item.answer.sizable),
-        "changed_first": _share(kind.first and kind.right for kind in kinds["changed"]),
+        "changed_first": _share(item.first and item.right for item in kinds["changed"]),
         "changed_off": _plain(max(off, default=nan), off),
         "first": _share(item.first for item in above),
         "first_strictly": _share(item.first_strictly for item in above),
         "among_three": _share(item.among_three for item in above),
-        "doubles": _share(kind.among_three for kind in kinds["double"]),
+        "doubles": _share(item.among_three for item in kinds["double"]),
         "causes": _share(causes),
         "everything": _share(item.right for item in library),
         "extra": _mean([float(len(item.beside)) for item in library]),
         "of_truth": _median(truly),
-        "unknown": _share(kind.unknown for kind in kinds["outside"]),
+        "unknown": _share(item.unknown for item in kinds["outside"]),
         "beside": _share(bool(item.beside) for item in library),
-        "null_names": _share(bool(kind.beside) for kind in kinds["null"]),
-        "right": _share(kind.right for kind in kinds["single"]),
-        "silent": _share(not kind.applied for kind in kinds["single"]),
+        "null_names": _share(bool(item.beside) for item in kinds["null"]),
+        "right": _share(item.right for item in kinds["single"]),
+        "silent": _share(not item.applied for item in kinds["single"]),
         "above": _share(item.right for item in above),
-        "outside_named": _share(bool(kind.beside) for kind in kinds["outside"]),
+        "outside_named": _share(bool(item.beside) for item in kinds["outside"]),
         "misplaced": _mean([item.misplaced for item in library if isfinite(item.misplaced)]),
         "wrongly_unknown": _share(item.unknown for item in library),
         "magnitude": _median([size.error for size in sizes]),
         "coverage": _share(size.covered for size in sizes),
         "closed": _median([item.verified for item in applied if item.answer.kind in LIBRARY]),
         "claim": _median([abs(item.claimed - item.verified) for item in applied]),
-        "calibration": _plain(calibration_error(known), known),
+        "calibration": _plain(calibration_error(ranked), ranked),
         "classes": _plain(calibration_error(classes), classes),
         "cpu": _mean(cpu),
     }

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from greybox_id.base.shorthands import Array
 
 from ..virtual.virtual_vehicle import Tolerances
-from .aliases import TELLS, View
+from .aliases import DISTINGUISHABLE, View
 
 LIKELY = 0.95
 """Probability of the region around the stated values to which deviations within tolerances are limited here."""
@@ -104,7 +104,7 @@ class Replays:
 
     def _by_channel(self, difference: Array) -> dict[str, float]:
         sizes = np.sqrt(np.mean(difference**2, axis=1))
-        return {name: float(siz) for name, siz in zip(self.noise, sizes, strict=True)}
+        return {name: float(size) for name, size in zip(self.noise, sizes, strict=True)}
 
     def views(self) -> Sequence[View]:
         """The first seconds, and the whole recording."""
@@ -117,11 +117,11 @@ class Replays:
         def product(a: Array, b: Array) -> float:
             return float(np.sum(a * b) - (shifts @ a.ravel()) @ inner @ (shifts @ b.ravel()))
 
-        tells = TELLS
+        threshold = DISTINGUISHABLE
         if self.form is not None:
-            value = self.form[:, : self.readings({}, part).shape[1]]
-            tells = max(TELLS, product(value, value))
-        return View(lambda other: self.readings(other, part), product, tells)
+            form = self.form[:, : self.readings({}, part).shape[1]]
+            threshold = max(DISTINGUISHABLE, product(form, form))
+        return View(lambda other: self.readings(other, part), product, threshold)
 
     def _shifts(self, part: bool) -> Array:
         """Influence of one sd of every tolerance, (tolerances, readings)."""
@@ -137,14 +137,14 @@ class Replays:
 def _likely(gram: Array, aim: Array) -> Array:
     """Deviations in sds of tolerances that best explain an aim, limited to the region of probability `LIKELY`."""
     values, vectors = np.linalg.eigh(gram)
-    value, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
+    projected, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
 
     def length(log_held: float) -> float:
-        return float(np.sum((value / (values + np.exp(log_held))) ** 2)) - most
+        return float(np.sum((projected / (values + np.exp(log_held))) ** 2)) - most
 
-    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(value) / np.sqrt(most) + 1e-300)
+    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(projected) / np.sqrt(most) + 1e-300)
     held = least if length(least) <= 0 else brentq(length, least, max(greatest, least) + 1.0)
-    return np.asarray(vectors @ (value / (np.maximum(values, 0.0) + np.exp(held))))
+    return np.asarray(vectors @ (projected / (np.maximum(values, 0.0) + np.exp(held))))
 
 
 def _inner(shifts: Array) -> Array:

@@ -102,7 +102,7 @@ def _plain(exam_finding: ExamFinding) -> dict[str, Any]:
     short["aliases"] = {name: list(alike) for name, alike in exam_finding.answer.aliases.items() if alike}
     short["size"] = exam_finding.answer.largest
     rest = {
-        key: value for key, value in vars(exam_finding).items() if key not in ("answer", "sizes", "told", "choices")
+        key: value for key, value in vars(exam_finding).items() if key not in ("answer", "sizes", "ranked", "choices")
     }
     choices = dict(list(exam_finding.choices.items())[:5])
     return {

@@ -59,10 +59,10 @@ class Ride:
 
     def arriving(self, column: int, share: float) -> Row:
         """A command at a share of a period after each row, (rows,); simulators use that in the middle of a step."""
-        here = self.commands[:, column]
-        after = np.append(here[1:], here[-1])
+        now = self.commands[:, column]
+        after = np.append(now[1:], now[-1])
         share = share + 0.5 * STEP / self.period
-        return np.asarray(here + share * (after - here) if self.linear_hold else here)
+        return np.asarray(now + share * (after - now) if self.linear_hold else now)
 
     @property
     def start(self) -> dict[str, float]:
@@ -249,8 +249,8 @@ class _ForeignCase(Draw):
         self.tolerances = tolerances(self.stated)
         if self.family.rough:
             self.true, self.numbers = self.stated, dict(vehicle.numbers)
-            self.stated, off = roughened(self.stated, rng)
-            self.nature = (*self.family.nature, *off)
+            self.stated, errors = roughened(self.stated, rng)
+            self.nature = (*self.family.nature, *errors)
         else:
             self.true = toleranced(self.stated, rng)
             self.numbers = _shifted(vehicle.numbers, self.stated, self.true)
@@ -286,9 +286,9 @@ class _ForeignCase(Draw):
         proof = rides[2]
         flat = DoubleTrack(single_track(stated, proof.linear_hold))
         model = replayed(flat, about, proof.commands, proof.period, proof.start)
-        real, entry = readings(proof, about, {}, 0), readings(model, about, {}, 0)
+        real, modelled = readings(proof, about, {}, 0), readings(model, about, {}, 0)
         self.form = {
-            name: float(np.std(entry[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
+            name: float(np.std(modelled[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
         }
         if max(self.form.values()) > (ROUGH_MOST if self.family.rough else FORM_MOST):
             raise BadInput("The single track that was identified does not describe the vehicle.")

@@ -207,7 +207,7 @@ def test_a_class_of_causes_is_right_where_a_likely_member_is_there():
 def test_what_a_vehicle_has_by_nature_is_neither_right_nor_wrong():
     rolls = Answer("r", "null", "rough", {}, nature=("roll_dynamics",))
     assert finding(rolls, says("roll_dynamics", applied=["roll_dynamics"])).beside == ()
-    assert finding(rolls, says("roll_dynamics")).told == ()
+    assert finding(rolls, says("roll_dynamics")).ranked == ()
     assert finding(rolls, says("cog_shift", applied=["cog_shift"])).beside == ("cog_shift",)
 
 
