@@ -21,7 +21,7 @@ from greybox_id.base.numbers import (
 from greybox_id.fitting.provenance import Certificate
 from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.reports.content import scalars
-from greybox_id.reports.memory import verdict, persistence_errors
+from greybox_id.reports.memory import persistence_errors, verdict
 from greybox_id.reports.report import prepared
 
 
