@@ -60,8 +60,8 @@ def holds(condition: str, signals: Mapping[str, Values]) -> NDArray[np.bool_]:
     walk = _Walk(condition, signals)
     with np.errstate(all="ignore"):
         result = walk.truth(tree)
-    known = [np.isfinite(signals[name]) for name in walk.named]
-    return np.asarray(np.logical_and.reduce([result, *known]))
+    finite = [np.isfinite(signals[name]) for name in walk.named]
+    return np.asarray(np.logical_and.reduce([result, *finite]))
 
 
 class _Walk:

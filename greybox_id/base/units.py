@@ -129,8 +129,8 @@ _COMMON: dict[str, tuple[float, str]] = {
 
 def _plain_factor(unit: str, target: str) -> float | None:
     """Factor to a target of the same dimension if both are products of common units; None leaves it to pint."""
-    (factor, powers), (over, entry) = _product(unit), _product(target)
-    return factor / over if powers is not None and powers == entry else None
+    (factor, powers), (target_factor, target_powers) = _product(unit), _product(target)
+    return factor / target_factor if powers is not None and powers == target_powers else None
 
 
 def _product(unit: str) -> tuple[float, dict[str, int] | None]:
@@ -184,8 +184,8 @@ def si_exponents(unit: str) -> dict[str, int | float] | None:
 
     None if the unit is not such a product, for example "N/unit".
     """
-    known = all(word in _SIGNS for word in re.findall(r"[A-Za-z]+", unit))
-    if not known or not _PRODUCT.fullmatch(unit) or re.search(r"\d\d", unit):
+    recognised = all(word in _SIGNS for word in re.findall(r"[A-Za-z]+", unit))
+    if not recognised or not _PRODUCT.fullmatch(unit) or re.search(r"\d\d", unit):
         return None
     try:
         base = _registry().Quantity(1, _registry().parse_units(unit.translate(_SUPERSCRIPTS))).to_base_units()
@@ -284,9 +284,9 @@ def belief(given: Quantity | tuple[float, float], unit: str, where: str) -> Beli
             return Belief(number(mean, unit, where))
         if len(rest) > 1:
             raise BadInput(f"{where}: {given!r} is not MEAN±SD, as in 6±3.")
-        (value, entry), (sd, written) = _split(mean, where), _split(rest[0], where)
-        factor, offset = _conversion(entry or written, unit, where)
-        value, spread = factor * value + offset, _conversion(written, unit, where)[0] * sd
+        (value, unit_of_mean), (sd, unit_of_sd) = _split(mean, where), _split(rest[0], where)
+        factor, offset = _conversion(unit_of_mean or unit_of_sd, unit, where)
+        value, spread = factor * value + offset, _conversion(unit_of_sd, unit, where)[0] * sd
     if not (spread > 0 and isfinite(spread)):
         raise BadInput(f"{where}: the standard deviation in {given!r} must be a number above zero.")
     if not isfinite(value):

@@ -71,19 +71,19 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
     step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
     if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < FEWEST_SHARED * step:
         return None
-    value, other = t - t[0], t_other - t[0]
-    span, whole = min(value[-1], SEARCHED), value[-1]
-    part = value <= span
-    begun = _searched(value[part], v[part], other, v_other, max(step, COARSE), longest)
+    time, other = t - t[0], t_other - t[0]
+    span, whole = min(time[-1], SEARCHED), time[-1]
+    part = time <= span
+    begun = _searched(time[part], v[part], other, v_other, max(step, COARSE), longest)
     while begun is not None and span < whole:  # the rate from a part is good enough to start on one four times as long
-        part = value <= span
-        reached = _refined(value[part], v[part], other, v_other, step, begun, True)
+        part = time <= span
+        reached = _refined(time[part], v[part], other, v_other, step, begun, True)
         begun, span = (None if reached is None else (reached.seconds, reached.rate)), 4 * span
     if begun is None:
         return None
-    free = _refined(value, v, other, v_other, step, begun, True)
+    free = _refined(time, v, other, v_other, step, begun, True)
     if free is None or abs(free.rate) <= SURE * free.rate_sd:
-        free = _refined(value, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
+        free = _refined(time, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
     if free is None or free.correlation < ALIKE or abs(free.seconds) > longest:
         return None
     return ClockAlignment(float(t[0]), free.seconds, free.sd, free.rate, free.rate_sd, free.left, free.correlation)
@@ -94,9 +94,9 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
     from scipy.signal import correlate, correlation_lags  # imported here: slower to load than most files to read
 
     grid = np.arange(t[0], t[-1], step)
-    value = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
+    standardised = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
     span = min(t[-1], u[-1]) - max(t[0], u[0])
-    if span < FEWEST_SHARED * step or not np.any(value):
+    if span < FEWEST_SHARED * step or not np.any(standardised):
         return None
     count = int(np.ceil(FASTEST * span / (2 * SMOOTHING)))
     best: tuple[float, float, float] | None = None
@@ -104,13 +104,13 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
     for rate in FASTEST * np.arange(-count, count + 1) / max(count, 1):
         # the other clock's values at the grid's instants if there were no offset
         values = np.interp(grid * (1 + rate), u, w, left=np.nan, right=np.nan)
-        there = np.isfinite(values)
-        if np.count_nonzero(there) < FEWEST_SHARED:
+        finite = np.isfinite(values)
+        if np.count_nonzero(finite) < FEWEST_SHARED:
             continue
-        other = np.where(there, values, 0.0)
-        other = _standard(smoothed(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
-        product = correlate(other, value, mode="full", method="fft") / len(value)
-        lags = correlation_lags(len(other), len(value), mode="full")
+        other = np.where(finite, values, 0.0)
+        other = _standard(smoothed(np.where(finite, other - np.mean(values[finite]), 0.0), SMOOTHING / step))
+        product = correlate(other, standardised, mode="full", method="fft") / len(standardised)
+        lags = correlation_lags(len(other), len(standardised), mode="full")
         near = np.abs(lags) <= reach
         k = int(np.argmax(np.where(near, product, -np.inf)))
         if best is None or product[k] > best[0]:
@@ -139,25 +139,25 @@ def _refined(
         if np.count_nonzero(inside) < FEWEST_SHARED:
             return None
         x, y, tau = place[inside], target[inside], grid[inside] - middle
-        value, slope = spline(x), spline(x, 1)
-        a, c = np.polyfit(value, y, 1)
-        columns = [a * slope, *([a * slope * tau] if with_rate else []), value, np.ones(len(x))]
+        predicted, slope = spline(x), spline(x, 1)
+        a, c = np.polyfit(predicted, y, 1)
+        columns = [a * slope, *([a * slope * tau] if with_rate else []), predicted, np.ones(len(x))]
         design = np.column_stack(columns)
-        left = y - a * value - c
-        move = np.linalg.lstsq(design, left, rcond=None)[0]
+        residual = y - a * predicted - c
+        move = np.linalg.lstsq(design, residual, rcond=None)[0]
         d_rate = float(move[1]) if with_rate else 0.0
         seconds, rate = seconds + float(move[0]) - d_rate * middle, rate + d_rate
         if abs(move[0]) < 1e-7 and abs(d_rate) < 1e-9:
             break
     if not a > 0:
         return None
-    covariance = _jackknife(design, left)
+    covariance = _jackknife(design, residual)
     at = np.array([1.0, *([-middle] if with_rate else [])])
     ends = [np.array([1.0, *([item - middle] if with_rate else [])]) for item in (grid[inside][0], grid[inside][-1])]
     size = len(at)
     spread = [float(np.sqrt(end @ covariance[:size, :size] @ end)) for end in (at, *ends)]
     rate_sd = float(np.sqrt(covariance[1, 1])) if with_rate else 0.0
-    correlation = float(np.corrcoef(value, y)[0, 1])
+    correlation = float(np.corrcoef(predicted, y)[0, 1])
     return ClockAlignment(0.0, float(seconds), spread[0], float(rate), rate_sd, max(spread[1:]), correlation)
 
 

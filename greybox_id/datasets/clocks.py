@@ -212,46 +212,46 @@ def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arra
 
     This is the error for a parabola through three readings; noise of the readings makes the estimate too large.
     """
-    known = np.isfinite(values)
-    t, v = time[known], values[known]
+    finite = np.isfinite(values)
+    t, v = time[finite], values[finite]
     if len(t) < 2:
         return np.full(len(instants), np.nan), (np.nan, np.nan)
     lowest, around = float(np.min(v)), name in ANGLES_AROUND and np.ptp(v) <= 2 * np.pi
     if around:
         v = np.unwrap(v)
-    left = np.clip(np.searchsorted(t, instants, side="right") - 1, 0, len(t) - 2)
+    before = np.clip(np.searchsorted(t, instants, side="right") - 1, 0, len(t) - 2)
     step = np.diff(t)
-    share = (instants - t[left]) / step[left]
-    result = v[left] + share * (v[left + 1] - v[left])
-    result = np.where(share == 1, v[left + 1], result)
-    reached = (step[left] <= LINEAR_GAP * float(np.median(step)) * (1 + 1e-9)) | (share == 0) | (share == 1)
-    result[~reached | (share < 0) | (share > 1)] = np.nan
+    share = (instants - t[before]) / step[before]
+    interpolated = v[before] + share * (v[before + 1] - v[before])
+    interpolated = np.where(share == 1, v[before + 1], interpolated)
+    reached = (step[before] <= LINEAR_GAP * float(np.median(step)) * (1 + 1e-9)) | (share == 0) | (share == 1)
+    interpolated[~reached | (share < 0) | (share > 1)] = np.nan
     if around:
         begins = -np.pi if lowest < 0 else 0.0
-        result = begins + np.mod(result - begins, 2 * np.pi)
+        interpolated = begins + np.mod(interpolated - begins, 2 * np.pi)
     if len(t) < 3:
-        return result, (np.nan, np.nan)
+        return interpolated, (np.nan, np.nan)
     bend = np.abs(2 * np.diff(np.diff(v) / step) / (step[1:] + step[:-1]))
     bend = np.concatenate([bend[:1], np.maximum(bend[:-1], bend[1:]), bend[-1:]])
-    missed = (share * (1 - share) / 2 * step[left] ** 2 * bend[left])[np.isfinite(result)]
-    return result, _costs(missed, len(missed))
+    missed = (share * (1 - share) / 2 * step[before] ** 2 * bend[before])[np.isfinite(interpolated)]
+    return interpolated, _costs(missed, len(missed))
 
 
 def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
     """The last reading before each instant, and the error (rms, largest) of steps that appear up to one row late."""
-    known = np.isfinite(values)
-    t, v = time[known], values[known]
+    finite = np.isfinite(values)
+    t, v = time[finite], values[finite]
     if not len(t):
         return np.full(len(instants), np.nan), (np.nan, np.nan)
-    left = np.searchsorted(t, instants, side="right") - 1
+    before = np.searchsorted(t, instants, side="right") - 1
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    age = instants - t[np.maximum(left, 0)]
-    result = np.where((left >= 0) & (age <= max(HELD_GAP * usual, HELD_SECONDS)), v[np.maximum(left, 0)], np.nan)
+    age = instants - t[np.maximum(before, 0)]
+    last = np.where((before >= 0) & (age <= max(HELD_GAP * usual, HELD_SECONDS)), v[np.maximum(before, 0)], np.nan)
     inside = (t[1:] > instants[0]) & (t[1:] <= instants[-1])
     jumps = np.diff(v)[inside]
     late = instants[np.searchsorted(instants, t[1:][inside])] - t[1:][inside]
     span = float(instants[-1] - instants[0])
-    return result, _costs(jumps * np.sqrt(late), span, np.abs(jumps[late > 0]))
+    return last, _costs(jumps * np.sqrt(late), span, np.abs(jumps[late > 0]))
 
 
 def _costs(missed: Array, over: float, sizes: Array | None = None) -> tuple[float, float]:

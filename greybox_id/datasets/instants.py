@@ -149,9 +149,9 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
 
 def newest_first(times: NDArray[Any]) -> bool:
     """Whether times decrease from the first row to the last: some loggers write the newest row first."""
-    known = times[np.isfinite(times)]
-    steps = np.diff(known)
-    return bool(len(known) > FEWEST_STAMPS and np.all(steps <= 0) and np.mean(steps < 0) > 0.5)
+    finite = times[np.isfinite(times)]
+    steps = np.diff(finite)
+    return bool(len(finite) > FEWEST_STAMPS and np.all(steps <= 0) and np.mean(steps < 0) > 0.5)
 
 
 def is_instants(series: pd.Series[Any]) -> bool:
@@ -195,20 +195,22 @@ def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
     afternoon, morning = ((half == word).fillna(False).to_numpy(dtype=bool) for word in ("pm", "am"))
     hours = np.nan_to_num(hours)
     hours = np.where((afternoon | morning) & (hours == 12), 0.0, hours) + 12.0 * afternoon
-    result = DAY * np.nan_to_num(days) + 3600 * hours + 60 * minutes + seconds + 1e-3 * np.nan_to_num(thousandths)
-    known = np.isfinite(result)
-    midnights = np.cumsum(np.diff(result[known], prepend=result[known][:1]) < -DAY / 2)
-    result[known] += DAY * midnights
-    return np.asarray(result)
+    since_midnight = (
+        DAY * np.nan_to_num(days) + 3600 * hours + 60 * minutes + seconds + 1e-3 * np.nan_to_num(thousandths)
+    )
+    finite = np.isfinite(since_midnight)
+    midnights = np.cumsum(np.diff(since_midnight[finite], prepend=since_midnight[finite][:1]) < -DAY / 2)
+    since_midnight[finite] += DAY * midnights
+    return np.asarray(since_midnight)
 
 
 def _split(table: RawTable, column: Column) -> Instants:
     """Whole seconds and their fraction from two columns, as integer nanoseconds."""
     whole, rest = table.numbers(column.column), table.numbers(column.rest)
-    known = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
-    seconds = np.where(known, whole, 0.0).astype(np.int64)
-    counts = seconds * 10**9 + np.round(np.where(known, rest, 0.0) * REST[column.rest_unit]).astype(np.int64)
-    return Instants(counts if known.all() else np.where(known, counts, np.nan), 1e-9)
+    valid = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
+    seconds = np.where(valid, whole, 0.0).astype(np.int64)
+    counts = seconds * 10**9 + np.round(np.where(valid, rest, 0.0) * REST[column.rest_unit]).astype(np.int64)
+    return Instants(counts if valid.all() else np.where(valid, counts, np.nan), 1e-9)
 
 
 def origin_of(clocks: Sequence[Instants]) -> tuple[Fraction, str]:
@@ -356,9 +358,12 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return _regressed(time, parts, lines, signals, "their rounding alone explains it")
     if runs_on or keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
         return None
-    whole = np.round(steps / usual)
-    if np.mean(np.abs(steps - whole * usual)[inside] > REGULAR * usual) <= BROKEN and np.min(whole[inside]) >= 1:
-        return _with_lost_rows(time, signals, whole, inside & (whole <= LINEAR_GAP))
+    whole_steps = np.round(steps / usual)
+    if (
+        np.mean(np.abs(steps - whole_steps * usual)[inside] > REGULAR * usual) <= BROKEN
+        and np.min(whole_steps[inside]) >= 1
+    ):
+        return _with_lost_rows(time, signals, whole_steps, inside & (whole_steps <= LINEAR_GAP))
     note = (
         f"rows are uneven in time ({_span(time)}): interpolated to an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
     )

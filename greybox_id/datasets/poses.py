@@ -91,28 +91,28 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
     BadInput
         There are too few poses.
     """
-    known = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(yaw) & np.isfinite(time))
-    moved = [np.diff(values[known]) != 0 for values in (x, y, yaw)]
+    complete = np.flatnonzero(np.isfinite(x) & np.isfinite(y) & np.isfinite(yaw) & np.isfinite(time))
+    moved = [np.diff(values[complete]) != 0 for values in (x, y, yaw)]
     fresh = np.zeros(len(time), dtype=bool)
-    fresh[known[:1]] = True
-    fresh[known[1:][moved[0] | moved[1] | moved[2]]] = True
+    fresh[complete[:1]] = True
+    fresh[complete[1:][moved[0] | moved[1] | moved[2]]] = True
     if np.count_nonzero(fresh) < FEWEST:
         raise BadInput(
             f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to estimate motion from; "
             "remove the [poses] table from the column map."
         )
     notes = []
-    if held := len(known) - int(np.count_nonzero(fresh)):
-        notes.append(f"{held} of {len(known)} poses repeat the previous pose; they do not count as readings.")
+    if repeated := len(complete) - int(np.count_nonzero(fresh)):
+        notes.append(f"{repeated} of {len(complete)} poses repeat the previous pose; they do not count as readings.")
     poses = _Poses(time, fresh, x, y, yaw)
     levels = _likeliest(poses, None)
     even = _evened(time)
     scatter = float(np.sqrt(np.mean((even - time) ** 2)))
     if scatter > LEAST_SCATTER * float(np.median(poses.steps[poses.steps > 0])):
         stepped = replace(poses, time=even)
-        value = _likeliest(stepped, levels)
-        if value.evidence > levels.evidence:
-            poses, levels = stepped, value
+        even_levels = _likeliest(stepped, levels)
+        if even_levels.evidence > levels.evidence:
+            poses, levels = stepped, even_levels
             notes.append(
                 f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, and even steps "
                 "explain the poses better: the time was set to even steps."

@@ -134,9 +134,9 @@ def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, A
     time = _time_column(part, mapping, alone=True)
     table, _ = _oldest_first(part.load([*time.names, *column.names]), time)
     t, v = instants(table, time).since(Fraction(0)), _converted(table, column)
-    known = np.flatnonzero(np.isfinite(t) & np.isfinite(v))
-    _, once = np.unique(t[known], return_index=True)
-    return t[known[once]], v[known[once]]
+    finite = np.flatnonzero(np.isfinite(t) & np.isfinite(v))
+    _, once = np.unique(t[finite], return_index=True)
+    return t[finite[once]], v[finite[once]]
 
 
 def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
@@ -279,21 +279,21 @@ def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
     if len(time) < 2 or not np.all(np.diff(time) > 0):
         return joined, range(len(time))
     for name, values in joined.signals.items():
-        known = np.flatnonzero(np.isfinite(values))
-        if name in (RUN, START) or len(known) < FEWEST_CELLS or np.median(np.diff(known)) < 2:
+        filled = np.flatnonzero(np.isfinite(values))
+        if name in (RUN, START) or len(filled) < FEWEST_CELLS or np.median(np.diff(filled)) < 2:
             continue
         is_held = name in COMMANDS and hold == "zero"
         signals[name], cost = (held if is_held else linear)(time, values, time, name)
-        rate = 1 / float(np.median(np.diff(time[known])))
+        rate = 1 / float(np.median(np.diff(time[filled])))
         resampled[name] = Resampled("held" if is_held else "linear", "its own cells", rate, *cost)
     spread = [name for name in resampled if name not in joined.resampled]
     if not spread:
         return joined, range(len(time))
     within = np.flatnonzero(np.all([np.isfinite(signals[name]) for name in spread], axis=0))
     rows = range(int(within[0]), int(within[-1]) + 1) if within.size else range(len(time))
-    kept = {name: values[rows.start : rows.stop] for name, values in signals.items()}
+    trimmed = {name: values[rows.start : rows.stop] for name, values in signals.items()}
     note = f"columns that are blank in most rows were interpolated between their filled cells: {', '.join(spread)}."
-    return Joined(time[rows.start : rows.stop], kept, resampled, (*joined.notes, note)), rows
+    return Joined(time[rows.start : rows.stop], trimmed, resampled, (*joined.notes, note)), rows
 
 
 def _once(joined: Joined) -> tuple[Joined, Sequence[int]]:
@@ -339,13 +339,13 @@ def _several(
     run = result.find(mapping.run_column) if mapping.run_column else None
     for group, channels in groups:
         time = _time_column(group, mapping, alone=False)
-        value = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
+        run_columns = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
         table, order = _oldest_first(
-            group.load([name for column in (time, *channels, *value) for name in column.names]), time
+            group.load([name for column in (time, *channels, *run_columns) for name in column.names]), time
         )
         turned += [f"{group.name or group.clock}: {order}"] if order else []
         clocks.append(instants(table, time))
-        signals.append({column.signal: _converted(table, column) for column in (*channels, *value)})
+        signals.append({column.signal: _converted(table, column) for column in (*channels, *run_columns)})
     origin, note = origin_of(clocks)
     plain = mapping.time.column == TIME or (isinstance(groups[0][0], Part) and "/" not in mapping.time.column)
     named = None if plain else result.find(mapping.time.column)

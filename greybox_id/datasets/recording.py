@@ -325,9 +325,9 @@ class Recording:
             No row lies in this interval.
         """
         low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
-        requested = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
-        kept = self.keep((self.time >= low) & (self.time <= high), f"between {requested} s")
-        return replace(kept, source=replace(kept.source, between=requested))
+        interval = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
+        kept = self.keep((self.time >= low) & (self.time <= high), f"between {interval} s")
+        return replace(kept, source=replace(kept.source, between=interval))
 
     @understood
     def where(self, condition: str) -> Recording:

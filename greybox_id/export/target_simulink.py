@@ -105,8 +105,8 @@ def _covariance(subject: Subject) -> np.ndarray[Any, Any]:
     e = subject.equations
     if subject.fit is None or subject.fit.covariance is None:
         return np.full((len(e.values), len(e.values)), np.nan)
-    known = [entry.name for parameter in subject.fit.model.parameters for entry in entries(parameter)]
-    rows = [known.index(parameter.name) if parameter.name in known else -1 for parameter in e.parameters]
+    fitted = [entry.name for parameter in subject.fit.model.parameters for entry in entries(parameter)]
+    rows = [fitted.index(parameter.name) if parameter.name in fitted else -1 for parameter in e.parameters]
     padded = np.pad(np.asarray(subject.fit.covariance, dtype=float), (0, 1), constant_values=np.nan)
     return padded[np.ix_(rows, rows)]
 
@@ -120,10 +120,10 @@ def _filled(template: str, subject: Subject, title: str) -> str:
 
 def _idnlgrey(subject: Subject, title: str) -> str:
     e, current = subject.equations, subject.name
-    known = {p.name: p for p in subject.model.parameters}
+    by_name = {p.name: p for p in subject.model.parameters}
     lines = []
     for entry, value in zip(e.parameters, e.values.tolist(), strict=True):
-        parameter = known.get(entry.name)
+        parameter = by_name.get(entry.name)
         low, high = parameter.bounds if parameter is not None else (-np.inf, np.inf)
         fixed = "true" if parameter is None or parameter.fixed else "false"
         lines.append(

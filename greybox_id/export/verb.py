@@ -57,17 +57,19 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
         return
     if not folder.is_dir() or folder.is_symlink():
         raise BadInput(f"{folder} is not a folder. Name another place with ‹out›.")
-    held = {str(file.relative_to(folder)): file for file in folder.rglob("*") if not file.is_dir()}
-    if not held:
+    present = {str(file.relative_to(folder)): file for file in folder.rglob("*") if not file.is_dir()}
+    if not present:
         return
-    body = _manifest(folder / MANIFEST) if MANIFEST in held else None
-    known = body.get("files") if body is not None else None
-    if known is None or body is None:
+    body = _manifest(folder / MANIFEST) if MANIFEST in present else None
+    written = body.get("files") if body is not None else None
+    if written is None or body is None:
         raise BadInput(f"{folder} holds files that no export has written. Name a new folder with ‹out›.")
-    one = [name for name, file in held.items() if name != MANIFEST and known.get(name) != _sha256(file.read_bytes())]
-    if one:
+    other = [
+        name for name, file in present.items() if name != MANIFEST and written.get(name) != _sha256(file.read_bytes())
+    ]
+    if other:
         raise BadInput(
-            f"{folder} holds {', '.join(sorted(one)[:3])}, which the export there did not write or which was changed "
+            f"{folder} holds {', '.join(sorted(other)[:3])}, which the export there did not write or which was changed "
             "since. A new export would delete this. Name another place with ‹out›, or move it away."
         )
     permit_folder(folder, _words(body), becomes)
@@ -157,14 +159,14 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
 
 def cautions(subject: Subject, target: str) -> list[str]:
     """Sentences on properties of the model that the target's files lack. Raises `BadInput` as `export` does."""
-    known: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
-    return known(subject)
+    function: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
+    return function(subject)
 
 
 def origins(subject: Subject, target: str) -> list[KeyOrigin]:
     """Origin of each key of the target's files, or the reason for its default. Raises `BadInput` as `export` does."""
-    known: Callable[[Subject], list[KeyOrigin]] = getattr(_module(target), "origins", lambda subject: [])
-    return known(subject)
+    function: Callable[[Subject], list[KeyOrigin]] = getattr(_module(target), "origins", lambda subject: [])
+    return function(subject)
 
 
 def _module(target: str) -> ModuleType:

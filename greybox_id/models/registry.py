@@ -355,11 +355,11 @@ def with_effects(model: AnyModel, effects: Magnitudes) -> AnyModel:
 def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None) -> Model:
     if vehicle is None:
         return with_effects(model, effects or {})
-    whole = with_effects(with_vehicle(model, vehicle), effects or {})
-    must_stand(whole)
-    stated = {name: value.value for name, value in vehicle.values.items() if name in _seconds() and name in whole}
-    return whole.with_parameters(
-        *(whole[name].with_value(value) for name, value in stated.items() if value is not None)
+    completed = with_effects(with_vehicle(model, vehicle), effects or {})
+    must_stand(completed)
+    seconds = {name: value.value for name, value in vehicle.values.items() if name in _seconds() and name in completed}
+    return completed.with_parameters(
+        *(completed[name].with_value(value) for name, value in seconds.items() if value is not None)
     )
 
 

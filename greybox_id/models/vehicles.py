@@ -46,20 +46,22 @@ def scaled(vehicle: Vehicle) -> dict[str, Stated]:
     and force per unit of a commanded acceleration with mass, drag with length squared, as for a geometrically similar
     car.
     """
-    stated, value = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
-    known = {name: _value(stated, name) for name in ("m", "l_f", "l_r", "wheel_radius") if name in stated}
-    if "m" not in known:
+    stated, default = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
+    stated_values = {name: _value(stated, name) for name in ("m", "l_f", "l_r", "wheel_radius") if name in stated}
+    if "m" not in stated_values:
         return {}
-    mass = known["m"] / value["m"]
-    sized = {"l_f", "l_r"} <= known.keys()
-    length = (known["l_f"] + known["l_r"]) / (value["l_f"] + value["l_r"]) if sized else mass ** (1 / 3)
-    radius = known.get("wheel_radius", length * value["wheel_radius"]) / value["wheel_radius"]
+    mass = stated_values["m"] / default["m"]
+    sized = {"l_f", "l_r"} <= stated_values.keys()
+    length = (
+        (stated_values["l_f"] + stated_values["l_r"]) / (default["l_f"] + default["l_r"]) if sized else mass ** (1 / 3)
+    )
+    radius = stated_values.get("wheel_radius", length * default["wheel_radius"]) / default["wheel_radius"]
     factors = {
         "l_f": length, "l_r": length, "h_cg": length, "track_f": length, "track_r": length, "wheel_radius": radius,
         "I_z": mass * length**2, "I_w": mass * radius**2, "c_0": mass, "c_2": length**2, "force_per_unit": mass,
     }  # fmt: skip
     by = "a car of 1450 kg, scaled with mass and size"
-    return {name: Stated(value[name] * factor, source=by) for name, factor in factors.items() if name not in stated}
+    return {name: Stated(default[name] * factor, source=by) for name, factor in factors.items() if name not in stated}
 
 
 def with_size(model: AnyModel, stated: Collection[str]) -> AnyModel:

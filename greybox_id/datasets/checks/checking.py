@@ -105,10 +105,10 @@ def _bridged(recording: Recording, findings: list[Finding]) -> Recording:
     rows, signals = np.arange(len(recording)), dict[str, Array]()
     for finding in (item for item in findings if item.kind == "outlier"):
         values = signals.get(finding.where.channel, recording[finding.where.channel])
-        kept = np.isfinite(values)
-        kept[list(finding.where.rows)] = False
+        sound = np.isfinite(values)
+        sound[list(finding.where.rows)] = False
         signals[finding.where.channel] = np.where(
-            np.isin(rows, finding.where.rows), np.interp(rows, rows[kept], values[kept]), values
+            np.isin(rows, finding.where.rows), np.interp(rows, rows[sound], values[sound]), values
         )
     return recording.with_signals(**signals)
 

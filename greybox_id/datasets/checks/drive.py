@@ -75,8 +75,8 @@ def check_drive(r: Recording) -> list[Finding]:
 
 def moves(parts: Sequence[Array]) -> bool:
     """Whether readings, one (n,) array per contiguous part, scatter by more than their high-frequency noise."""
-    whole = np.concatenate([part[np.isfinite(part)] for part in parts])
-    spread = float(np.std(whole)) if len(whole) else 0.0
+    readings = np.concatenate([part[np.isfinite(part)] for part in parts])
+    spread = float(np.std(readings)) if len(readings) else 0.0
     return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
@@ -122,18 +122,18 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
 
     v, turn = short["v_x"], short["yaw_rate"]
     pace, steered, pushed, turn = (run_by_run(side) for side in (v, v * short["steer"], v * turn, turn))
-    seen = np.isfinite(turn) & np.isfinite(steered)
-    if np.mean(seen) < 0.5 or not np.std(pushed[seen]) > PUSHED or not np.std(steered[seen]) > 0:
+    finite = np.isfinite(turn) & np.isfinite(steered)
+    if np.mean(finite) < 0.5 or not np.std(pushed[finite]) > PUSHED or not np.std(steered[finite]) > 0:
         return []
     most = _explained(turn, [steered, pace**2 * steered], LAGS, short.sample_time)
     if most > USUAL or any({"steer", "yaw_rate"} & {item.where.channel} for item in check_frozen(r)):
         return []
     a_y = run_by_run(short["a_y"]) if short.has("a_y") else pushed
-    both = seen & np.isfinite(a_y)
+    both = finite & np.isfinite(a_y)
     agreed = np.count_nonzero(both) > FEWEST_ROWS and abs(np.corrcoef(a_y[both], pushed[both])[0, 1]) > TOGETHER
     blamed = "steer" if short.has("a_y") and agreed else "steer or yaw_rate"
     shares = f"v_x · steer explains at most {percent(max(most, 0.0))} of yaw_rate, at delays of up to {LAGS:g} s"
-    if _stands_out(turn[seen], steered[seen], pace[seen], short.sample_time):
+    if _stands_out(turn[finite], steered[finite], pace[finite], short.sample_time):
         sentence = (
             f"{shares}, though more than at other time shifts. The tyres slide for much of the drive, or steer is "
             "disturbed. Models of tyres that grip do not fit such a recording."
@@ -159,11 +159,11 @@ def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
         shifted = np.roll(steered, shift)
         table, weights = np.column_stack([shifted, pace**2 * shifted, np.ones(len(turn))]), np.ones((len(turn), 1))
         table /= np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
-        left = turn
+        residual = turn
         for _ in range(8):  # iteratively reweighted least squares converge to the least sum of absolute errors
-            left = np.abs(turn - table @ np.linalg.lstsq(table * weights, turn * weights[:, 0], rcond=1e-6)[0])
-            weights = np.sqrt(1.0 / np.maximum(left, 1e-3 * np.std(turn)))[:, None]
-        return 1.0 - float(np.sum(left) / np.sum(np.abs(turn - np.median(turn))))
+            residual = np.abs(turn - table @ np.linalg.lstsq(table * weights, turn * weights[:, 0], rcond=1e-6)[0])
+            weights = np.sqrt(1.0 / np.maximum(residual, 1e-3 * np.std(turn)))[:, None]
+        return 1.0 - float(np.sum(residual) / np.sum(np.abs(turn - np.median(turn))))
 
     at_delay = max(explained(shift) for shift in range(0, reach // 2 + 1, max(1, reach // 10)))
     others = [explained(int(shift)) for shift in np.linspace(3 * reach, len(turn) - 3 * reach, SHIFTS)]
@@ -174,16 +174,16 @@ def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) ->
     """Share of the variance of a series that others explain together at the best delay of up to `longest` s; the search
     ends once it exceeds `USUAL`.
     """
-    table, result, reach = np.column_stack([*columns, np.ones(len(u))]), 0.0, min(int(longest / dt), len(u) // 4)
+    table, best, reach = np.column_stack([*columns, np.ones(len(u))]), 0.0, min(int(longest / dt), len(u) // 4)
     for lag in sorted(range(-reach, reach + 1), key=abs):
         y, X = (u[lag:], table[: len(u) - lag]) if lag >= 0 else (u[:lag], table[-lag:])
         rows = np.isfinite(y) & np.all(np.isfinite(X), axis=1)
         y, X = y[rows], X[rows] / np.maximum(np.sqrt(np.mean(X[rows] ** 2, axis=0)), 1e-300)
-        left = y - X @ np.linalg.lstsq(X, y, rcond=1e-6)[0]
-        result = max(result, 1.0 - float(np.sum(left**2) / max(np.sum((y - y.mean()) ** 2), 1e-300)))
-        if result > USUAL:
+        residual = y - X @ np.linalg.lstsq(X, y, rcond=1e-6)[0]
+        best = max(best, 1.0 - float(np.sum(residual**2) / max(np.sum((y - y.mean()) ** 2), 1e-300)))
+        if best > USUAL:
             break
-    return result
+    return best
 
 
 def check_asleep(r: Recording) -> list[Finding]:

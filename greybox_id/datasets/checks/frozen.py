@@ -82,15 +82,15 @@ def _weaves(r: Recording, a: int, b: int) -> bool:
         return False
     turning: Array = smooth(r, r["yaw_rate"], SMOOTHING)
     usual, part = float(np.nanstd(turning)), turning[settled]
-    known = np.isfinite(part)
-    if np.count_nonzero(known) < SETTLED / r.sample_time or not usual > 0.0:
+    finite = np.isfinite(part)
+    if np.count_nonzero(finite) < SETTLED / r.sample_time or not usual > 0.0:
         return False
     pace = r["v_x"][settled] if r.has("v_x") else np.ones(len(part))
-    known &= np.isfinite(pace)
-    table = np.column_stack([np.ones(len(part)), pace])[known]
-    left = part[known] - table @ np.linalg.lstsq(table, part[known], rcond=None)[0]
-    right_most, left_most = np.quantile(part[known], [0.05, 0.95]) if np.any(known) else (0.0, 0.0)
-    return bool(np.std(left) > WEAVES * usual or min(left_most, -right_most) > BOTH_WAYS * usual)
+    finite &= np.isfinite(pace)
+    table = np.column_stack([np.ones(len(part)), pace])[finite]
+    residual = part[finite] - table @ np.linalg.lstsq(table, part[finite], rcond=None)[0]
+    right_most, left_most = np.quantile(part[finite], [0.05, 0.95]) if np.any(finite) else (0.0, 0.0)
+    return bool(np.std(residual) > WEAVES * usual or min(left_most, -right_most) > BOTH_WAYS * usual)
 
 
 def _moves(r: Recording, name: str, a: int, b: int) -> float:

@@ -373,10 +373,10 @@ def _upright(r: Recording) -> list[Finding]:
         if due is None or not r.has(name):
             continue
         reads = r[name][np.isfinite(r[name])]
-        left = (r[name] - due)[np.isfinite(r[name] - due)]
+        deviation = (r[name] - due)[np.isfinite(r[name] - due)]
         usual = float(np.median(reads))
-        low, high = np.quantile(left, [0.1, 0.9]) if left.size else (0.0, np.inf)
-        away = abs(float(np.median(left)) - np.sign(usual) * GRAVITY) if left.size else np.inf
+        low, high = np.quantile(deviation, [0.1, 0.9]) if deviation.size else (0.0, np.inf)
+        away = abs(float(np.median(deviation)) - np.sign(usual) * GRAVITY) if deviation.size else np.inf
         if abs(abs(usual) - GRAVITY) < ABOUT and away < ABOUT and high - low < STEADILY:
             sentence = (
                 f"{name} reads {signed(usual)} m/s² all the time, which is gravity: this axis of the IMU points "
@@ -441,11 +441,11 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
     """Channels that agree with nothing, although the channels they should agree with agree with each other."""
     findings = []
     for name, others in (("yaw_rate", {"a_y", "steer", "v_x"}), ("a_y", {"yaw_rate", "steer", "v_x"})):
-        value = [r for r in result if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
+        matching = [r for r in result if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
         sides = [r for r in result if name not in r.channels and r.agreement > WITNESS and r.independent > ENOUGH]
         sides = [r for r in sides if len(others & set(r.channels)) >= 2 and "steer" in r.channels]
-        low = [r for r in value if abs(r.correlation) < STRANGE and (name != "a_y" or r.right_size > PUSHED)]
-        if len(value) >= 2 and len(low) == len(value) and sides:
+        low = [r for r in matching if abs(r.correlation) < STRANGE and (name != "a_y" or r.right_size > PUSHED)]
+        if len(matching) >= 2 and len(low) == len(matching) and sides:
             sentence = (
                 f"{name} follows neither {listed((r.right for r in low), 3).replace(' and ', ' nor ')} (correlation "
                 f"{number(low[0].correlation, 2)}), though {sides[0].left} follows {sides[0].right} "
@@ -487,10 +487,10 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
     for name, what, does, needs in CHECKS:
         if name != "time" and not r.has(name):
             continue
-        value = [relation for relation in result if does(relation)]
-        if not value:
+        witnesses = [relation for relation in result if does(relation)]
+        if not witnesses:
             lacking.append(f"{what} (needs {needs})")
-        elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
+        elif not any(relation.agreement > HOLDS and _certain(relation) for relation in witnesses):
             still.append(what)
     sentences = [f"not clear from the motion in this recording: {'; '.join(still)}."] if still else []
     if lacking:

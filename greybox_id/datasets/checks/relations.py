@@ -128,43 +128,43 @@ def relations(r: Recording, touching: Collection[str] = ()) -> list[Relation]:
     r : a contiguous recording, as returned by `thinned`.
     touching : only relations that involve one of these channels; all if empty.
     """
-    requested = _Asked(r, frozenset(touching))
+    selection = _Selection(r, frozenset(touching))
     result = (
-        *_turning(requested),
-        *_pushing(requested),
-        *_over_ground(requested),
-        *_rolling(requested),
-        *_driven(requested),
+        *_turning(selection),
+        *_pushing(selection),
+        *_over_ground(selection),
+        *_rolling(selection),
+        *_driven(selection),
     )
     return [item for item in result if item is not None]
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """A recording and the channels whose relations are requested."""
+class _Selection:
+    """A recording and the channels whose relations are selected."""
 
     recording: Recording
     touching: frozenset[str]
 
     def wants(self, *channels: str) -> bool:
-        """Whether a relation between these channels can be formed, and is requested."""
+        """Whether a relation between these channels can be formed, and is selected."""
         return self.recording.has(*channels) and (not self.touching or not self.touching.isdisjoint(channels))
 
 
-def _turning(requested: _Asked) -> list[Relation | None]:
-    r, result = requested.recording, list[Relation | None]()
-    if requested.wants("yaw_rate", "v_x", "steer"):
+def _turning(selection: _Selection) -> list[Relation | None]:
+    r, result = selection.recording, list[Relation | None]()
+    if selection.wants("yaw_rate", "v_x", "steer"):
         result.append(_relation(r, ("yaw_rate", "v_x · steer"), ("yaw_rate", "v_x", "steer"), r["yaw_rate"],
                                r["v_x"] * r["steer"], (TURNS, STEERS * _usual(r["v_x"])),
                                (1 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
-    if requested.wants("yaw_rate", "yaw"):
+    if selection.wants("yaw_rate", "yaw"):
         result.append(_relation(r, ("yaw_rate", "d(yaw)/dt"), ("yaw_rate", "yaw"), r["yaw_rate"],
                                rate(r, r["yaw"], True), (TURNS, 0.0), PLACES))  # fmt: skip
-    if requested.wants("a_y", "v_x", "steer"):
+    if selection.wants("a_y", "v_x", "steer"):
         result.append(_relation(r, ("a_y", "v_x² · steer"), ("a_y", "v_x", "steer"), r["a_y"],
                                r["v_x"] * np.abs(r["v_x"]) * r["steer"], (PUSHES, STEERS * _usual(r["v_x"]) ** 2),
                                (0.2 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
-    if requested.wants("v_y", "v_x", "yaw_rate"):
+    if selection.wants("v_y", "v_x", "yaw_rate"):
         result.append(_rear_axle(r))
     return result
 
@@ -191,22 +191,22 @@ def _rear_axle(r: Recording) -> Relation | None:
     return _relation(r, words, ("v_y", "v_x", "yaw_rate"), left, right, offsets, any_gain, False, 0.0)
 
 
-def _pushing(requested: _Asked) -> list[Relation | None]:
-    r, result = requested.recording, list[Relation | None]()
+def _pushing(selection: _Selection) -> list[Relation | None]:
+    r, result = selection.recording, list[Relation | None]()
     involved = ("a_x", "v_x", *(("yaw_rate", "v_y") if r.has("yaw_rate", "v_y") else ()))
-    if requested.wants(*involved):
+    if selection.wants(*involved):
         words, right = acceleration_ahead(r)
         result.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
     involved = ("a_y", "v_x", "yaw_rate", *(("v_y",) if r.has("v_y") else ()))
-    if requested.wants(*involved):
+    if selection.wants(*involved):
         words, right = acceleration_aside(r)
         offsets = (PUSHES, TURNS * _usual(r["v_x"]))
         result.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
-    if requested.wants("a_y", "v_x", "curvature") and not r.has("yaw_rate"):
+    if selection.wants("a_y", "v_x", "curvature") and not r.has("yaw_rate"):
         right = r["v_x"] * np.abs(r["v_x"]) * r["curvature"]
         result.append(_relation(r, ("a_y", "v_x² · curvature"), ("a_y", "v_x", "curvature"), r["a_y"], right,
                                (PUSHES, 0.0), SAME))  # fmt: skip
-    if requested.wants("sideslip", "v_x", "v_y"):
+    if selection.wants("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < MOVING * _usual(r["v_x"])
         angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
         result.append(_relation(r, ("sideslip", "atan2(v_y, v_x)"), ("sideslip", "v_y", "v_x"), r["sideslip"], angle,
@@ -214,39 +214,39 @@ def _pushing(requested: _Asked) -> list[Relation | None]:
     return result
 
 
-def _over_ground(requested: _Asked) -> list[Relation | None]:
-    r, one = requested.recording, list[Relation | None]()
+def _over_ground(selection: _Selection) -> list[Relation | None]:
+    r, result = selection.recording, list[Relation | None]()
     for place in grounds(r):
         beside = [name for name in ("yaw_rate", "v_x", "steer", "yaw") if r.has(name)]
-        if not requested.wants(*place.channels, *beside):
+        if not selection.wants(*place.channels, *beside):
             continue
         turn, speed = course_and_speed(r, place)
         if not np.isfinite(speed).any():
             continue
         words = f"the course over ground ({place.words})"
-        if requested.wants("yaw_rate", *place.channels):
-            one.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
-                                   (TURNS, 0.0), PLACES, smoothing=0.0))  # fmt: skip
-        if requested.wants("v_x", "steer", *place.channels):
+        if selection.wants("yaw_rate", *place.channels):
+            result.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
+                                    (TURNS, 0.0), PLACES, smoothing=0.0))  # fmt: skip
+        if selection.wants("v_x", "steer", *place.channels):
             offsets = (STEERS * _usual(r["v_x"]), 0.0)
-            one.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
-                                   offsets, LENGTHS, False, 0.0))  # fmt: skip
-        if "yaw_rate" not in r and requested.wants("yaw", *place.channels):
+            result.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r),
+                                    turn, offsets, LENGTHS, False, 0.0))  # fmt: skip
+        if "yaw_rate" not in r and selection.wants("yaw", *place.channels):
             heading = place.twice_smoothed(r, rate(r, r["yaw"], True))
-            one.append(_relation(r, ("d(yaw)/dt", words), ("yaw", *place.channels), heading, turn, (TURNS, 0.0), PLACES,
-                                   smoothing=0.0))  # fmt: skip
-        if "yaw_rate" not in r and requested.wants("a_y", "v_x", *place.channels):
+            result.append(_relation(r, ("d(yaw)/dt", words), ("yaw", *place.channels), heading, turn, (TURNS, 0.0),
+                                    PLACES, smoothing=0.0))  # fmt: skip
+        if "yaw_rate" not in r and selection.wants("a_y", "v_x", *place.channels):
             pushed, pace = (place.twice_smoothed(r, r[name]) for name in ("a_y", "v_x"))
-            one.append(_relation(r, ("a_y", f"v_x · {words}"), ("a_y", "v_x", *place.channels), pushed, turn * pace,
-                                   (PUSHES, 0.0), SAME, smoothing=0.0))  # fmt: skip
-        if requested.wants("v_x", *place.channels):
+            result.append(_relation(r, ("a_y", f"v_x · {words}"), ("a_y", "v_x", *place.channels), pushed, turn * pace,
+                                    (PUSHES, 0.0), SAME, smoothing=0.0))  # fmt: skip
+        if selection.wants("v_x", *place.channels):
             sides = ("|v_x|", f"the speed over ground ({place.words})")
             pace = smooth(r, np.abs(r["v_x"]), place.seconds)
-            one.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
+            result.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
         aside = ("v_y",) if r.has("v_y") else ()
-        if place.words == "x, y" and requested.wants("x", "y", "yaw", "v_x", *aside):
-            one += _heading(r)
-    return one
+        if place.words == "x, y" and selection.wants("x", "y", "yaw", "v_x", *aside):
+            result += _heading(r)
+    return result
 
 
 def _heading(r: Recording) -> list[Relation | None]:
@@ -267,26 +267,26 @@ def _heading(r: Recording) -> list[Relation | None]:
     return result
 
 
-def _rolling(requested: _Asked) -> list[Relation | None]:
-    r, result = requested.recording, list[Relation | None]()
+def _rolling(selection: _Selection) -> list[Relation | None]:
+    r, result = selection.recording, list[Relation | None]()
     wheels = [name for name in WHEELS if r.has(name)]
-    if not (requested.wants(*wheels) or requested.wants("v_x", *wheels)):
+    if not (selection.wants(*wheels) or selection.wants("v_x", *wheels)):
         return result
     speeds = {name: smooth(r, np.abs(r[name]), SMOOTHING) for name in wheels}
-    for name in wheels if len(wheels) > 1 and requested.wants(*wheels) else []:
+    for name in wheels if len(wheels) > 1 and selection.wants(*wheels) else []:
         others = np.median([speed for other, speed in speeds.items() if other != name], axis=0)
         result.append(_ratio(r, (name, "the other wheel speeds"), tuple(wheels), speeds[name], others, TIGHT, True))
-    if wheels and requested.wants("v_x", *wheels):
+    if wheels and selection.wants("v_x", *wheels):
         usual = np.median(list(speeds.values()), axis=0)
         pace = smooth(r, np.abs(r["v_x"]), SMOOTHING)
         result.append(_ratio(r, ("|v_x|", "the wheel speeds"), ("v_x", *wheels), pace, usual, RADII, False))
     return result
 
 
-def _driven(requested: _Asked) -> list[Relation | None]:
-    r, result = requested.recording, list[Relation | None]()
+def _driven(selection: _Selection) -> list[Relation | None]:
+    r, result = selection.recording, list[Relation | None]()
     for name in DRIVES:
-        if requested.wants(name, "v_x") and np.ptp(r[name][np.isfinite(r[name])]) > 0:
+        if selection.wants(name, "v_x") and np.ptp(r[name][np.isfinite(r[name])]) > 0:
             gains = {"ax_cmd": COMMANDS, "drive_force": (1 / MASSES[1], 1 / MASSES[0])}.get(name, (0.0, np.inf))
             result.append(_relation(r, ("dv_x/dt", name), (name, "v_x"), rate(r, r["v_x"]), r[name], (np.inf, np.inf),
                                    gains, known=name == "ax_cmd"))  # fmt: skip

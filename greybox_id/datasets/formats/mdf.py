@@ -48,8 +48,8 @@ def _groups(reader: Apart, file: Path, result: Sequence[Mapping[str, Any]]) -> I
         if not names:
             continue
         clock = next((name for name, (_, number) in names.items() if number == group["clock"]), "")
-        stated = {name: group["channels"][number][1] for name, (_, number) in names.items()}
-        units = {name: unit for name, unit in stated.items() if unit}
+        unit_of = {name: group["channels"][number][1] for name, (_, number) in names.items()}
+        units = {name: unit for name, unit in unit_of.items() if unit}
         load = loader(str(file), names, partial(_values, reader, names))
         yield Group(title, tuple(names), load, f"{title}/", clock, "s" if clock else "", units)
 

@@ -102,13 +102,13 @@ def fields_of(message: Any, path: str = "") -> Iterator[Field]:
     if {"x", "y", "z", "w"} == set(names) and path:
         yield from (Field(path, angle=angle) for angle in ("roll", "pitch", "yaw"))
     for name in names:
-        value, entry = getattr(message, name), f"{path}.{name}" if path else name
+        value, place = getattr(message, name), f"{path}.{name}" if path else name
         if isinstance(value, (bool, int, float, np.number)):
-            yield Field(entry)
+            yield Field(place)
         elif isinstance(value, np.ndarray):
-            yield from (Field(entry, k) for k in range(len(value)) if len(value) <= LONGEST_ARRAY)
+            yield from (Field(place, k) for k in range(len(value)) if len(value) <= LONGEST_ARRAY)
         elif hasattr(value, "__dataclass_fields__"):
-            yield from fields_of(value, entry)
+            yield from fields_of(value, place)
 
 
 def _angle(which: str, w: Array, x: Array, y: Array, z: Array) -> Array:

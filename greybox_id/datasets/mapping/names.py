@@ -215,8 +215,8 @@ def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
 
 
 def _whole(values: Array, below: float) -> bool:
-    known = values[np.isfinite(values)]
-    return bool(known.size and np.all(known % 1 == 0) and np.all(known >= 0) and np.all(known < below))
+    finite = values[np.isfinite(values)]
+    return bool(finite.size and np.all(finite % 1 == 0) and np.all(finite >= 0) and np.all(finite < below))
 
 
 def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
@@ -235,14 +235,14 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     units = [
         u for u, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if SLOWEST <= second / step <= FASTEST
     ]
-    whole = bool(np.all(values[np.isfinite(values)] % 1 == 0))
-    if not whole and "s" in units:
+    integers = bool(np.all(values[np.isfinite(values)] % 1 == 0))
+    if not integers and "s" in units:
         units = ["s"]  # fractions of a millisecond are rarely recorded
-    if step == 1 and whole:
+    if step == 1 and integers:
         reason = "it counts rows; write the unit of one step, and divide_by if one step is not exactly one such unit"
         return MapEntry(TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, reason))
     if units:
-        likely = units[0] if len(units) == 1 or not whole else units[-1] if step >= 1e4 else units[0]
+        likely = units[0] if len(units) == 1 or not integers else units[-1] if step >= 1e4 else units[0]
         return MapEntry(
             TIME,
             name,

@@ -38,11 +38,11 @@ def headings(
     result = []
     for entry in chosen:
         if entry.signal in LEANS and guesses[entry.column].else_ and "yaw" not in taken and entry.signal in raw:
-            known = _as_yaw(raw, entry)
-            if known:
+            yaw = _as_yaw(raw, entry)
+            if yaw:
                 taken.add("yaw")
                 raw = raw.with_signals(yaw=raw[entry.signal])
-                entry = replace(entry, signal="yaw", unit=known[0], reasons=(known[1],))
+                entry = replace(entry, signal="yaw", unit=yaw[0], reasons=(yaw[1],))
         result.append(entry)
     return result, raw
 
@@ -72,8 +72,8 @@ def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
         for item in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
             if "yaw" in item.pair.nodes and abs(item.agreed.correlation) > AGREES:
                 words = f'"{entry.column}" may be roll or heading; {item.pair.left} follows its rate (correlation '
-                known = (abs(item.agreed.correlation), unit, f"{words}{number(item.agreed.correlation, 2)})")
-                best = max(best, known) if best else known
+                candidate = (abs(item.agreed.correlation), unit, f"{words}{number(item.agreed.correlation, 2)})")
+                best = max(best, candidate) if best else candidate
     return (entry.unit, best[2]) if best else None
 
 
@@ -144,9 +144,9 @@ def _matches(known: Recording, signal: str, values: Array) -> list[Met]:
 
 
 def _described(entry: MapEntry, signal: str, best: Met, speed: float) -> MapEntry:
-    left = best.pair.nodes[0] == signal
+    first = best.pair.nodes[0] == signal
     why = (
-        f"agrees with {best.pair.right if left else best.pair.left} (correlation {signed(best.agreed.correlation, 2)})"
+        f"agrees with {best.pair.right if first else best.pair.left} (correlation {signed(best.agreed.correlation, 2)})"
     )
     units = tuple(
         unit

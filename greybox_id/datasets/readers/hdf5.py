@@ -54,8 +54,8 @@ def _described(name: str, node: Any) -> list[dict[str, Any]]:
     if node.shape is None:
         return []
     kind = node.dtype
-    value = {None: kind} if kind.names is None else {field: kind[field] for field in kind.names}
-    fields = [field for field, of in value.items() if of.shape == () and of.kind in "iufb"]
+    kinds = {None: kind} if kind.names is None else {field: kind[field] for field in kind.names}
+    fields = [field for field, of in kinds.items() if of.shape == () and of.kind in "iufb"]
     unit = _text(node.attrs)
     return [{"name": name, "shape": list(node.shape), "itemsize": kind.itemsize, "fields": fields, "unit": unit}]
 

@@ -169,11 +169,11 @@ class _Writer:
 
     def _found_angles(self) -> Mapping[int, tuple[int, int]]:
         """Angles of which both sine and cosine are needed."""
-        requested: dict[int, dict[int, int]] = {}
+        by_angle: dict[int, dict[int, int]] = {}
         for k, value in self._operations.items():
             if k in self._needed and value.op in (cs.OP_SIN, cs.OP_COS):
-                requested.setdefault(value.sources[0], {})[value.op] = k
-        return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in requested.items() if len(both) == 2}
+                by_angle.setdefault(value.sources[0], {})[value.op] = k
+        return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in by_angle.items() if len(both) == 2}
 
     def _found_uses(self, target: Sequence[int]) -> Counter[int]:
         """Number of uses of each value; two if it is doubled, squared or a result.
