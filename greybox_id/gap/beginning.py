@@ -68,7 +68,7 @@ def with_beginnings(
     candidates, whitener, cost : all candidates; how residuals are whitened; cost of an effect.
     """
     search = selection.search
-    if not isinstance(search.bench, Bench) or not isinstance(search.colour, ModelError):
+    if not isinstance(search.bench, Bench) or not isinstance(search.whitener, ModelError):
         return selection
 
     def score(hypothesis: Hypothesis) -> float:
@@ -264,7 +264,7 @@ def _weighed(
 ) -> Selection:
     """The selection about a best hypothesis that acts in part of the rows: all refitted in the noise it leaves."""
     search = best.search
-    search.recoloured(whitener(search, best.hypothesis))
+    search.set_whitener(whitener(search, best.hypothesis))
     search.about(best.hypothesis)
     value = settled(
         search, min(refit(search, [search.start_of(best.hypothesis)]), key=by_cost, default=best.hypothesis)

@@ -32,15 +32,15 @@ from .estimation.free_runs import (
     Misfit,
     at_their_best,
     freed_tolerances,
+    inliers,
     misfit,
     of_subsets,
-    plain,
     refitted_tolerances,
 )
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.noise import blocks, white_noise
 from .estimation.search import Search
-from .estimation.variance import fresh
+from .estimation.variance import without_stale_rows
 from .examining import Examined
 from .gap import Budget, Share
 from .selection import refitted
@@ -156,7 +156,7 @@ def shared_out(
     examined.freed.update(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
     _refit_from_subsets(examined, names)
     misfits = {subset: misfit(search, examined.freed[subset]) for subset in subsets(names)}
-    good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
+    good = inliers(misfits[frozenset(names)].e, examined.good, examined.bench)
     return budget(
         misfits,
         names,
@@ -173,7 +173,7 @@ def _of_held_out(
 ) -> Budget | None:
     """The budget on recordings that chose nothing, and how far all effects together close the gap there."""
     nothing, whole = misfits[frozenset()], misfits[frozenset(names)]
-    good, recordings = plain(whole.e, fresh(bench), bench), tuple(item.name for item in held_out)
+    good, recordings = inliers(whole.e, without_stale_rows(bench), bench), tuple(item.name for item in held_out)
     shared = budget(misfits, names, sd, good, bench, recordings, True)
     if shared is None:
         return None
@@ -234,10 +234,10 @@ def _shared_out_linearly(
     freed, base = (examined.at_its_best(item) for item in (best, examined.selection.base))
     known = {frozenset(names): misfit(search, freed), frozenset[str](): misfit(search, base)}
     white = white_noise(examined.sd, examined.good, examined.bench.rows)
-    with search.counted(search.colour if examined.unnamed is None else white):
+    with search.counted(search.whitener if examined.unnamed is None else white):
         search.about(freed)
         misfits = of_subsets(search, freed, _absent(examined, best, search), known)
-    good = plain(known[frozenset(names)].e, examined.good, examined.bench)
+    good = inliers(known[frozenset(names)].e, examined.good, examined.bench)
     recordings = tuple(item.name for item in examined.recordings)
     return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
 

@@ -21,9 +21,9 @@ from ..fitting.scores.horizons import Errors, by_horizon, diverges
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
 from .estimation.calibration import CAL
-from .estimation.free_runs import Misfit, plain, refitted_tolerances
+from .estimation.free_runs import Misfit, inliers, refitted_tolerances
 from .estimation.noise import blocks, stated_noise
-from .estimation.variance import fresh
+from .estimation.variance import without_stale_rows
 from .gap import Closure
 
 
@@ -57,7 +57,7 @@ def closure(
         first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, [{**there, **then.values}], then.trust)
     noise, known = stated_noise(bench, vehicle, then.e)
     sd = noise if known or sd is None else sd
-    good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
+    good = inliers(then.e, without_stale_rows(bench), bench) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
     closure = closed_by(first, then, sd, good, bench, names)
     return replace(closure, errors=by_horizon(before, stands, recordings, sd)) if horizons else closure

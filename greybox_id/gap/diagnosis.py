@@ -34,16 +34,16 @@ from .examining import Examined, examine
 from .gap import Budget, CauseClass, Gap, Ranked
 from .judging import (
     alike_of,
+    closes_too_little,
     gain_of,
     genuine,
+    insignificant,
     misnamed_probability,
-    next_to_nothing,
     of_class,
-    only,
     refused,
+    restricted_to,
     size_sd,
     unnamed_probability,
-    unsure,
     witnesses,
 )
 from .regimes import where
@@ -102,9 +102,9 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     detected = bool(examined.best.candidates) or bool(scattered) or unknown > CAL.present
     ways = witnesses(examined, examined.best) if examined.best.candidates else []
     ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
-    reasons, leave = (unsure(examined, ways, level) for level in (CAL.by_chance, CAL.present))
+    reasons, leave = (insignificant(examined, ways, level) for level in (CAL.by_chance, CAL.present))
     doubtful = set(reasons) - set(leave)
-    best = only(examined, set(examined.best.names) - set(leave)) if leave else examined.best
+    best = restricted_to(examined, set(examined.best.names) - set(leave)) if leave else examined.best
     shared, telling = None, None
     stated = examined.inexact and not examined.bench.learnt  # with stated tolerances, innovations alone do not suffice
     while set(best.names) - doubtful:  # judged beside doubtful effects, too: these are likelier present than not
@@ -116,16 +116,16 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
             least = min(little, key=lambda name: little[name])
             leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
         reasons |= leaving
-        best = only(examined, set(best.names) - set(leaving))
+        best = restricted_to(examined, set(best.names) - set(leaving))
         if len(little) < 2:
             break
-    best = only(examined, set(best.names) - doubtful) if doubtful else best
+    best = restricted_to(examined, set(best.names) - doubtful) if doubtful else best
     while True:
         if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some have left
             shared = shared_out(examined, best, held_out, tell) if best.names else None
-        if shared is not None and (why := next_to_nothing(shared, not examined.inexact)):
+        if shared is not None and (why := closes_too_little(shared, not examined.inexact)):
             reasons |= dict.fromkeys(best.names, why)
-            best, shared = only(examined, set()), None
+            best, shared = restricted_to(examined, set()), None
         if held_out:
             tell(f"verifying on {on_held_out(held_out)}")
         closed, verified, worse = closed_model(examined, best, detected, held_out, shared)
@@ -133,7 +133,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
             break
         weakest = min(best.names, key=partial(gain_of, examined, examined.best))
         reasons[weakest] = worse
-        best = only(examined, set(best.names) - {weakest})
+        best = restricted_to(examined, set(best.names) - {weakest})
     ranking, applied = _ranking(examined, reasons, telling), tuple(best.names)
     whole = shared if shared is not None and shared.shows else telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:

@@ -23,7 +23,7 @@ from .estimation.axes import Candidate
 from .estimation.calibration import CAL
 from .estimation.constancy import discounted
 from .estimation.hypothesis import Hypothesis
-from .estimation.noise import Colour
+from .estimation.noise import AutoregressiveNoise
 from .selection import Selection
 
 NEVER = 1e6
@@ -85,7 +85,7 @@ def evidence(
     unsteady : how magnitudes of hypotheses' effects differ between parts; None: not at all.
     """
     search = selection.search
-    temper = tempering(search.colour.readings, inexact, left)
+    temper = tempering(search.whitener.readings, inexact, left)
     gained = [temper / search.trust * (selection.base.cost - item.cost) for item in selection.tried]
     least = [price(item, cost) for item in selection.tried]
     margins = [gain - option for gain, option in zip(gained, least, strict=True)]
@@ -220,9 +220,9 @@ def by_plain_errors(selection: Selection, sd: Array, good: NDArray[np.bool_]) ->
     sd : (channels,) of the errors that training left.
     good : (N, channels) readings that count.
     """
-    colour = selection.search.colour
-    assert isinstance(colour, Colour)  # maps with memory know no forces
-    weight = 0.5 / (sd**2 * _rows_per_reading(colour))
+    noise = selection.search.whitener
+    assert isinstance(noise, AutoregressiveNoise)  # maps with memory know no forces
+    weight = 0.5 / (sd**2 * _rows_per_reading(noise))
     base = selection.base
 
     def cost(hypothesis: Hypothesis) -> float:
@@ -233,7 +233,7 @@ def by_plain_errors(selection: Selection, sd: Array, good: NDArray[np.bool_]) ->
     return replace(selection, tried=tuple(tried))
 
 
-def _rows_per_reading(colour: Colour) -> Array:
+def _rows_per_reading(noise: AutoregressiveNoise) -> Array:
     """(channels,) number of rows with as much information as one independent reading."""
-    slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(colour.sd, colour.ar, strict=True)])
-    return np.asarray(np.maximum((slow / colour.stationary_sd) ** 2, 1.0))
+    slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(noise.sd, noise.ar, strict=True)])
+    return np.asarray(np.maximum((slow / noise.stationary_sd) ** 2, 1.0))

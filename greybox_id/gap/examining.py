@@ -23,24 +23,33 @@ from .estimation.bench import Bench
 from .estimation.calibration import CAL
 from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, unsteadiness, varies
-from .estimation.free_runs import at_their_best, misfit, plain
+from .estimation.free_runs import at_their_best, inliers, misfit
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.model_error import AmplitudePrior, Amplitudes, ForceSizes, estimated, linearised, model_error
 from .estimation.model_error import amplitude_prior as believed_amplitudes
-from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
+from .estimation.noise import Whitener, colour, stated_noise, white_noise, without_spikes
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare
 from .estimation.problem import JointProblem
 from .estimation.search import Search
 from .estimation.together import JointSearch, JointWhitening
 from .estimation.unknown_forces import knows_unknown_forces
-from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
+from .estimation.variance import (
+    Scatter,
+    dropped,
+    jitters,
+    jumps_by_commands,
+    repeats,
+    scatter_probability,
+    sole_jitter,
+    without_stale_rows,
+)
 from .estimation.wandering import Wander, wandering
 from .evidence import Evidence, by_plain_errors, costs, evidence, heaviest, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Selection, select
-from .unknown import Signs, beyond_what_may_be, left_where_it_acts, of_strained, signs, unnamed
+from .unknown import Signs, driving_gain_where_it_acts, excess_ratio, signs, strained_shares, unnamed
 
 TINY = 1e-12
 MOVING = ("steering", "drive", "tyres", "body", "road")
@@ -106,7 +115,7 @@ class Examined:
             return self.closed
         search = self.selection.search
         before, then = (misfit(search, self.at_its_best(item)) for item in (self.selection.base, hypothesis))
-        good = plain(then.e, self.good, self.bench)
+        good = inliers(then.e, self.good, self.bench)
         return closed_by(before, then, self.sd, good, self.bench, self.closed.recordings)
 
     def resembles(self) -> tuple[Wander, ...]:
@@ -129,14 +138,14 @@ class Examined:
         return varies(self.selection.search, self.best, self.seen)
 
     @cached_property
-    def of_strained(self) -> Mapping[str, float]:
+    def strained_shares(self) -> Mapping[str, float]:
         """Effect of the best explanation -> share of its action that strained tolerances produce as well."""
-        return of_strained(self.selection.search, self.best)
+        return strained_shares(self.selection.search, self.best)
 
     @cached_property
-    def beside_it(self) -> Mapping[str, float]:
+    def driving_gains(self) -> Mapping[str, float]:
         """Effect of the best explanation -> log-likelihood that driving still explains where it acts."""
-        return left_where_it_acts(self.selection.search, self.best, self.seen)
+        return driving_gain_where_it_acts(self.selection.search, self.best, self.seen)
 
 
 def examine(
@@ -167,7 +176,7 @@ def examine(
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     sd, noise_is_stated = stated_noise(bench, vehicle, start)
     stale = dropped(repeats(bench))
-    good = sound(start, fresh(bench), bench.rows)
+    good = without_spikes(start, without_stale_rows(bench), bench.rows)
     tell(f"refitting {len(tolerated)} parameters with tolerances and candidate effects")
     inexact = bench.learnt or any(not axis.abrupt for axis in tolerated)
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
@@ -215,19 +224,19 @@ def examine(
     freed_ways = dict(zip(ways, at_their_best(search, list(ways.values()), sd, good), strict=True))
     before, then = (misfit(search, freed_ways[frozenset(item.names)]) for item in (selection.base, best))
     closed = closed_by(
-        before, then, sd, plain(then.e, good, bench), bench, tuple(recording.name for recording in recordings)
+        before, then, sd, inliers(then.e, good, bench), bench, tuple(recording.name for recording in recordings)
     )
-    scatter = {} if stale is None else {"dropped_samples": (stale, surely(weighed.temper * stale.gain))}
+    scatter = {} if stale is None else {"dropped_samples": (stale, scatter_probability(weighed.temper * stale.gain))}
     jittered, after, leaves = sole_jitter(bench, best.e, y, sd, good, jump), closed.after, 1.0
     if jittered is not None:
-        present = surely(jittered.gain)  # not tempered: model error does not scatter from row to row
+        present = scatter_probability(jittered.gain)  # not tempered: model error does not scatter from row to row
         scatter["timestamp_jitter"] = (jittered, present)
         after = jittered.left if present > CAL.present else after
         if present > CAL.present:
             leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0))
     scattered = sum(item.gain for item, present in scatter.values() if present > CAL.present)
     alone = CAL.excess_learnt if bench.learnt else CAL.excess_inexact if inexact else CAL.excess_exact
-    beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, inexact)
+    beyond = leaves * excess_ratio(then.e, y, sd, good, bench.channels, alone, inexact)
     signs_of_unknown = signs(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
     )

@@ -22,7 +22,7 @@ from .evidence import probability
 from .examining import TINY, Examined
 from .gap import Budget
 from .selection import refitted
-from .unknown import unknown_probability, without_a_name
+from .unknown import is_unnamed_gap, unknown_probability
 
 
 def unnamed_probability(examined: Examined) -> float:
@@ -49,7 +49,7 @@ def _without_forces(examined: Examined) -> float:
     """The same for models without unknown forces: from the errors of free runs, and how these follow the drive."""
     scattered = any(present > CAL.present for _, present in examined.scatter.values())
     stated = examined.inexact and not examined.bench.learnt  # errors that training left follow the drive anyway
-    nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.noise_stated)
+    nameless = is_unnamed_gap(examined.signs, examined.evidence.temper, stated, examined.noise_stated)
     if not examined.best.candidates and not scattered and not nameless:
         return CAL.nothing_unknown
     p = unknown_probability(examined.signs, examined.noise_stated)
@@ -84,7 +84,7 @@ def refused(examined: Examined, names: Collection[str], shared: Budget | None) -
             reasons[name] = (
                 "it may only imitate another cause: it raises the log-likelihood by "
                 f"{number(gain_of(examined, best, name), 2)}, but the error left in the channels on which it acts "
-                f"still varies with the drive (log-likelihood {number(examined.beside_it[name], 2)})"
+                f"still varies with the drive (log-likelihood {number(examined.driving_gains[name], 2)})"
             )
         elif examined.unnamed is not None and _strains(examined, best, name) > CAL.present:
             reasons[name] = (
@@ -111,7 +111,7 @@ def refused(examined: Examined, names: Collection[str], shared: Budget | None) -
     return reasons
 
 
-def next_to_nothing(shared: Budget, exact: bool) -> str:
+def closes_too_little(shared: Budget, exact: bool) -> str:
     """Why no effect is a cause, where all of them together leave nearly all of the gap; "" otherwise.
 
     Model error looks like several effects at once, each of which closes a little beside the others. Where equations are
@@ -125,7 +125,7 @@ def next_to_nothing(shared: Budget, exact: bool) -> str:
     return f"small: {judged} all named effects together remove {whole_percent(closed)} % of the excess error"
 
 
-def unsure(examined: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
+def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
     """Effects of the best explanation whose sizes do not differ significantly from none, and why they are no causes.
 
     Significantly: none lies outside of intervals that hold for all offered effects at once (Bonferroni's; Dunn, Journal
@@ -211,7 +211,7 @@ def witnesses(examined: Examined, hypothesis: Hypothesis) -> list[Witness]:
 
     def gained_freely(name: str) -> float:
         whole, without = (
-            examined.at_its_best(item) for item in (hypothesis, only(examined, {*hypothesis.names} - {name}))
+            examined.at_its_best(item) for item in (hypothesis, restricted_to(examined, {*hypothesis.names} - {name}))
         )
         return max(without.cost - whole.cost, 0.0)
 
@@ -259,7 +259,7 @@ def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """The probability that an effect stands for an unnamed one, judged by tolerances that the latter strains."""
     if examined.unnamed is None:
         return 0.0
-    strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
+    strain = examined.unnamed.strain * examined.strained_shares.get(name, 1.0)
     return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * strain)
 
 
@@ -270,7 +270,7 @@ def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> fl
     """
     if examined.unnamed is None or examined.inexact:
         return 0.0
-    return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * examined.beside_it.get(name, 0.0))
+    return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * examined.driving_gains.get(name, 0.0))
 
 
 def _mimics(gain: float, least: float) -> float:
@@ -317,7 +317,7 @@ def _constant(spread: Spread | None, limit: float) -> float:
     return float(1 / (1 + exp(min(x, 30.0))))
 
 
-def only(examined: Examined, names: Collection[str]) -> Hypothesis:
+def restricted_to(examined: Examined, names: Collection[str]) -> Hypothesis:
     """The best explanation with only these of its effects, everything else refitted."""
     selection = examined.selection
     known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}

@@ -131,7 +131,7 @@ def select(
         stage, gains, best = later, gained, again
     base = _base(search, best)
     if not best.names:  # no effect is left that a small model error would favour
-        base = best = _recoloured(search, together.whitening, base)
+        base = best = _in_shown_error(search, together.whitening, base)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
@@ -264,17 +264,17 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     return settled(search, min(result, key=by_cost))
 
 
-def _recoloured(search: Search, whitening: JointWhitening, base: Hypothesis) -> Hypothesis:
+def _in_shown_error(search: Search, whitening: JointWhitening, base: Hypothesis) -> Hypothesis:
     """The base in the model error that its own residuals show; unchanged where refits in that overflow.
 
     The derivatives of a simulation that spins do not determine a model error.
     """
-    place, colour = search.place(), search.colour
-    search.recoloured(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
+    place, whitener = search.place(), search.whitener
+    search.set_whitener(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
     result = refit(search, [search.start_of(search.at_means()), search.start_of(base)])
     if result:
         return settled(search, min(result, key=by_cost))
-    search.colour = colour
+    search.whitener = whitener
     search.back(place)
     return base
 

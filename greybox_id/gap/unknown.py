@@ -70,10 +70,10 @@ def signs(
     scatter : log-likelihood that effects on scatter gain.
     alone : sum of the gains of each effect of the best hypothesis by itself over the base; zero if not known.
     """
-    gained, expected = (float(np.sum(each)) for each in left_gain(search, best, seen))
+    gained, expected = (float(np.sum(each)) for each in driving_gain(search, best, seen))
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
-    rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
+    rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.whitener.readings, 1))
     spread, place = 0.0, ""
     known = varies(search, best, seen) if best.candidates else {}
     if best.candidates and best.names[0] in known:
@@ -94,7 +94,7 @@ def signs(
     )
 
 
-def beyond_what_may_be(
+def excess_ratio(
     e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, inexact: bool
 ) -> float:
     """Excess over noise, over the excess that is no gap yet, in the channel where that is largest.
@@ -122,7 +122,7 @@ def beyond_what_may_be(
     return most
 
 
-def without_a_name(signs: Signs, temper: float, inexact: bool, noise_stated: bool = True) -> bool:
+def is_unnamed_gap(signs: Signs, temper: float, inexact: bool, noise_stated: bool = True) -> bool:
     """Whether the remaining error is a gap that no named effect explains.
 
     It is where errors exceed what is no gap yet. Inexact equations err in proportion to what they predict, but their
@@ -156,7 +156,7 @@ def unknown_probability(signs: Signs, noise_stated: bool = True) -> float:
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 
-def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+def driving_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[Array, Array]:
     """(channels,) log-likelihood that a regression on driving signals would still gain, and that noise would give.
 
     Parameters
@@ -165,10 +165,10 @@ def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array])
     seen : signals per row.
     """
     features = _features(search.bench, seen)
-    r = search.colour.white(hypothesis.e[:, :, None])[:, :, 0]
+    r = search.whitener.white(hypothesis.e[:, :, None])[:, :, 0]
     gain, expected = np.zeros(r.shape[1]), np.zeros(r.shape[1])
     for c in range(r.shape[1]):
-        use = search.colour.usable[:, c]
+        use = search.whitener.usable[:, c]
         if np.count_nonzero(use) < 4 * features.shape[1]:
             continue
         X = features[use]
@@ -179,13 +179,13 @@ def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array])
     return gain, expected
 
 
-def left_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Array]) -> dict[str, float]:
+def driving_gain_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Array]) -> dict[str, float]:
     """Effect -> log-likelihood that driving still explains in the channels it acts on, beside all named effects.
 
     Zero where noise alone may gain as much. An unnamed effect is at least that large: part of it may have been
     attributed to the named one, too.
     """
-    gained, expected = left_gain(search, best, seen)
+    gained, expected = driving_gain(search, best, seen)
     result = {}
     for k, candidate in enumerate(best.candidates):
         here = acts_on(search, best, k)
@@ -222,7 +222,7 @@ def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
     return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))
 
 
-def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
+def strained_shares(search: Search, best: Hypothesis) -> dict[str, float]:
     """Effect -> share of its action that strained tolerances, off by more than a standard deviation, produce as well.
 
     An effect that stands for another one strains tolerances that act as it does; strain of others says nothing about

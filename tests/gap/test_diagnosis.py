@@ -192,7 +192,7 @@ def test_names_that_close_next_to_nothing_held_out_are_no_causes(monkeypatch, cl
 )
 def test_how_little_names_may_close_depends_on_what_tells(held, exact, closed, none):
     rest = Share("unexplained", 1.0 - closed, 0.9, 1.0)
-    assert bool(judging.next_to_nothing(Budget((), rest, ("lap",), held), exact)) == none
+    assert bool(judging.closes_too_little(Budget((), rest, ("lap",), held), exact)) == none
 
 
 @pytest.mark.slow
@@ -286,7 +286,7 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
         ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
         prepared = SimpleNamespace(effects=dict.fromkeys(range(count)))
-        return judging.unsure(SimpleNamespace(prepared=prepared, best=best), ways, level)
+        return judging.insignificant(SimpleNamespace(prepared=prepared, best=best), ways, level)
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
@@ -344,7 +344,7 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
     def mimics(own, gain, of_it=1.0):
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
-        found = SimpleNamespace(unnamed=own, selection=selection, of_strained={"lag": of_it})
+        found = SimpleNamespace(unnamed=own, selection=selection, strained_shares={"lag": of_it})
         return _strains(found, tried[0], "lag")
 
     assert mimics(calm, 30.0) == 0.0
@@ -357,7 +357,7 @@ def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_m
     def mimics(gain, left, rough=False):
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
-        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left}, inexact=rough)
+        found = SimpleNamespace(unnamed=object(), selection=selection, driving_gains={"lag": left}, inexact=rough)
         return _beside_unknown(found, tried[0], "lag")
 
     assert mimics(30.0, 0.0) == 0.0
@@ -403,8 +403,8 @@ def test_what_a_refused_name_explains_is_unnamed():
                 selection=selection,
                 evidence=evidence,
                 stands=True,
-                of_strained={},
-                beside_it={},
+                strained_shares={},
+                driving_gains={},
                 noise_stated=True,
                 expected=usual,
                 inexact=True,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from greybox_id.gap.estimation.axes import Candidate
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.hypothesis import Hypothesis
-from greybox_id.gap.estimation.noise import Colour
+from greybox_id.gap.estimation.noise import AutoregressiveNoise
 from greybox_id.gap.evidence import (
     by_chance,
     by_plain_errors,
@@ -36,7 +36,7 @@ def hypothesis(cost, *names, axes=1):
 
 
 def selected(base, tried, readings=5000, trust=1.0):
-    search = SimpleNamespace(colour=SimpleNamespace(readings=readings), trust=trust)
+    search = SimpleNamespace(whitener=SimpleNamespace(readings=readings), trust=trust)
     return Selection(search, hypothesis(base), tuple(tried), ())
 
 
@@ -210,7 +210,7 @@ def test_an_effect_gains_no_more_than_plain_errors_say(ar, lasting):
     rng, rows = np.random.default_rng(0), (slice(0, 300),)
     good = np.ones((300, 1), dtype=bool)
     sd = np.array([0.5])
-    search = SimpleNamespace(colour=Colour(sd, (np.array(ar),), rows, good), trust=1.0)
+    search = SimpleNamespace(whitener=AutoregressiveNoise(sd, (np.array(ar),), rows, good), trust=1.0)
     nothing = np.empty(0)
 
     def of(share, cost):

@@ -9,12 +9,12 @@ from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smoo
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.unknown import (
     Signs,
-    beyond_what_may_be,
-    left_gain,
-    left_where_it_acts,
-    of_strained,
+    driving_gain,
+    driving_gain_where_it_acts,
+    excess_ratio,
+    is_unnamed_gap,
+    strained_shares,
     unknown_probability,
-    without_a_name,
 )
 
 ROWS, SD = 20_000, np.array([0.1, 0.02])
@@ -26,7 +26,7 @@ EVERY = np.ones((ROWS, 2), dtype=bool)
 
 
 def beyond(e, good=EVERY, inexact=True, alone=CAL.excess_inexact):
-    return beyond_what_may_be(e, Y, SD, good, NAMES, alone, inexact)
+    return excess_ratio(e, Y, SD, good, NAMES, alone, inexact)
 
 
 @pytest.mark.parametrize("rough", [True, False])
@@ -84,17 +84,17 @@ def test_where_noise_is_not_stated_more_may_be_unknown():
 
 def test_what_driving_still_explains_is_a_gap_of_rough_equations_where_it_gains_what_an_effect_must():
     own = Signs(0.3, 0.5, 1.0, 0.0, "", 0, over=100.0)
-    assert without_a_name(own, 1.1 * CAL.cost_without_forces / 100.0, inexact=True)
-    assert not without_a_name(own, 0.9 * CAL.cost_without_forces / 100.0, inexact=True)
-    assert not without_a_name(own, 1.0, inexact=False)
+    assert is_unnamed_gap(own, 1.1 * CAL.cost_without_forces / 100.0, inexact=True)
+    assert not is_unnamed_gap(own, 0.9 * CAL.cost_without_forces / 100.0, inexact=True)
+    assert not is_unnamed_gap(own, 1.0, inexact=False)
 
 
 @pytest.mark.parametrize("rough", [True, False])
 def test_errors_beyond_what_may_be_are_a_gap_where_noise_is_stated(rough):
     for beyond, gap in ((0.9, False), (1.1, True)):
         own = Signs(0.3, beyond, 1.0, 0.0, "", 0)
-        assert without_a_name(own, 0.1, rough) == gap
-        assert not without_a_name(own, 0.1, rough, noise_stated=False)
+        assert is_unnamed_gap(own, 0.1, rough) == gap
+        assert not is_unnamed_gap(own, 0.1, rough, noise_stated=False)
 
 
 # ---- what driving still explains of residuals
@@ -122,7 +122,7 @@ def left(structure=0.0, seed=0, seen=None, rows=DRIVEN):
     search = search_on(bench, SDS)
     found = search.at_means()
     found = found.__class__(found.candidates, found.m, found.theta, found.linear, 0.0, -noise, found.J)
-    gained, expected = (np.sum(each) for each in left_gain(search, found, SEEN if seen is None else seen))
+    gained, expected = (np.sum(each) for each in driving_gain(search, found, SEEN if seen is None else seen))
     return gained, expected, (gained - expected) / np.sqrt(max(expected, 1e-9))
 
 
@@ -159,9 +159,9 @@ def test_what_is_left_counts_for_effects_that_act_there():
     X[:, 0, 0], X[:, 1, 1] = SEEN["a_x"], SEEN["a_y"]
     search = search_on(GivenBench(lambda p: np.zeros((DRIVEN, 2)), noise, 0, channels=("a_x", "a_y")), SDS)
     calm = replace(search.at_means(), candidates=(candidate(0), candidate(1)), m=np.zeros(2), e=-noise, J=X)
-    assert left_where_it_acts(search, calm, SEEN) == {"effect_0": 0.0, "effect_1": 0.0}
+    assert driving_gain_where_it_acts(search, calm, SEEN) == {"effect_0": 0.0, "effect_1": 0.0}
     noise[:, 1] += structure
-    loud = left_where_it_acts(search, replace(calm, e=-noise), SEEN)
+    loud = driving_gain_where_it_acts(search, replace(calm, e=-noise), SEEN)
     assert loud["effect_0"] == 0.0
     assert loud["effect_1"] == pytest.approx(0.5 * np.sum((structure / SDS[1]) ** 2), rel=0.3)
 
@@ -184,7 +184,7 @@ def test_what_is_strained_tells_of_what_acts_as_it_does():
     search = search_on(linear_bench(X, [0.0] * 4, SD), SD, (axis(0, sd=0.1), axis(1, sd=0.1)))
     both = (candidate(2), candidate(3))
     off = replace(search.at_means(), candidates=both, m=np.zeros(2), J=X[:, :, 2:])
-    assert of_strained(search, off) == {"effect_2": 0.0, "effect_3": 0.0}  # none is strained
-    strained = of_strained(search, replace(off, theta=np.array([0.4, 0.05])))
+    assert strained_shares(search, off) == {"effect_2": 0.0, "effect_3": 0.0}  # none is strained
+    strained = strained_shares(search, replace(off, theta=np.array([0.4, 0.05])))
     assert strained["effect_2"] > 0.95
     assert strained["effect_3"] < 0.1

@@ -200,7 +200,9 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
         else:
             firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
         for form in product(*(_forms(second) for second in seconds)):
-            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(item) for item in form)))
+            starts = tuple(
+                product([f for f in firsts if main.low <= f <= main.high], *(_search_starts(item) for item in form))
+            )
             result.append(
                 Candidate(
                     name, (main, *form), starts, gradual,
@@ -261,7 +263,7 @@ def _forms(second: Axis) -> tuple[Axis, ...]:
     return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
 
 
-def _ways(second: Axis) -> tuple[float, ...]:
+def _search_starts(second: Axis) -> tuple[float, ...]:
     """Coordinates at which searches begin in a second parameter."""
     if second.unit == "rad":
         return DIRECTIONS

@@ -146,7 +146,7 @@ def acts_on(search: Search, hypothesis: Hypothesis, effect: int) -> NDArray[np.b
     candidate, at = hypothesis.parts[effect]
     if candidate.reads:
         return np.array([channel in candidate.reads for channel in search.bench.channels])
-    does = np.sum((hypothesis.J[:, :, at.start] / search.colour.stationary_sd) ** 2, axis=0)
+    does = np.sum((hypothesis.J[:, :, at.start] / search.whitener.stationary_sd) ** 2, axis=0)
     return np.asarray(does > CAL.acts**2 * np.sum(does))
 
 

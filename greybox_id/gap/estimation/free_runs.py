@@ -24,11 +24,11 @@ from .axes import nuisances, shifting
 from .calibration import CAL
 from .hypothesis import Hypothesis, Start, by_cost
 from .model_error import ModelError
-from .noise import sound, stated_noise, white_noise
+from .noise import stated_noise, white_noise, without_spikes
 from .preparing import excerpt, prepare_plain
 from .refit import refit, settled
 from .search import Search
-from .variance import fresh
+from .variance import without_stale_rows
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def freed_tolerances(
         raise BadInput(f"{model.name} diverges on {recordings[0].name}: check the numbers of the vehicle.")
     noise, known = stated_noise(bench, vehicle, start)
     sd = noise if known or sd is None else sd
-    good = sound(start, fresh(bench), bench.rows)
+    good = without_spikes(start, without_stale_rows(bench), bench.rows)
     search = Search(bench, value, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
     starts = [search.at_means(), *(map(search.at_values, start_values) if search.moving else ())]
@@ -141,9 +141,9 @@ def misfit(search: Search, hypothesis: Hypothesis) -> Misfit:
     return Misfit(hypothesis.e, search.charge(hypothesis))
 
 
-def plain(e: Array, good: Mask, bench: FreeRuns) -> Mask:
+def inliers(e: Array, good: Mask, bench: FreeRuns) -> Mask:
     """(N, channels) readings whose errors are far from outliers: a few larger ones would weigh as much as a gap."""
-    return sound(e, good, bench.rows, CAL.far_reading)
+    return without_spikes(e, good, bench.rows, CAL.far_reading)
 
 
 def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, good: Mask) -> list[Hypothesis]:
@@ -152,7 +152,7 @@ def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, g
     Where unknown forces whiten residuals, free runs may drift as far as these allow; how far a gap closes is a question
     about free runs themselves. Tolerances then move far, and are linearised again.
     """
-    if not isinstance(search.colour, ModelError):
+    if not isinstance(search.whitener, ModelError):
         if search.trust == 1.0:
             return list(hypotheses)
         trust = search.trust

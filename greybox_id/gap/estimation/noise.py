@@ -40,7 +40,7 @@ class Whitener(Protocol):
 
 
 @dataclass(frozen=True)
-class Colour:
+class AutoregressiveNoise:
     """Whitening by an autoregressive process per channel.
 
     Attributes
@@ -78,12 +78,14 @@ class Colour:
         return int(np.sum(self.usable))
 
 
-def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Colour:
+def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> AutoregressiveNoise:
     """Noise without memory."""
-    return Colour(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
+    return AutoregressiveNoise(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
 
 
-def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order) -> Colour:
+def colour(
+    residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order
+) -> AutoregressiveNoise:
     """The autoregressive process that describes residuals.
 
     Parameters
@@ -99,10 +101,10 @@ def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], mos
         sd.append(s)
         ar.append(a)
         usable[:, c] = _all_there(good[:, c], rows, len(a))
-    return Colour(np.array(sd), tuple(ar), tuple(rows), usable)
+    return AutoregressiveNoise(np.array(sd), tuple(ar), tuple(rows), usable)
 
 
-def sound(
+def without_spikes(
     residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = CAL.spike
 ) -> NDArray[np.bool_]:
     """(N, channels) readings that count and whose residuals are no spikes among their neighbours'."""

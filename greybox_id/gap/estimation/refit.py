@@ -60,14 +60,14 @@ def _walk(search: Search, work: Sequence[_Refit], steps: int) -> None:
             item.take(each, white[:, a:b], cross[:, a:b])
 
 
-def with_slopes(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
+def with_slopes(search: Search, hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses with derivatives taken at their coordinates, for the sds and spreads of their magnitudes."""
-    work = [_Refit(search, replace(search.start_of(item), slopes=None)) for item in hypothesises]
+    work = [_Refit(search, replace(search.start_of(item), slopes=None)) for item in hypotheses]
     target = [item.vectors() for item in work]
     edges = np.cumsum([0, *(len(each) for each in target)])
     e, nothing = search.residuals([p for each in target for p in each]), np.zeros(search.bench.measured.shape)
     new = []
-    for item, each, a, b in zip(hypothesises, work, edges[:-1], edges[1:], strict=True):
+    for item, each, a, b in zip(hypotheses, work, edges[:-1], edges[1:], strict=True):
         J = each.values(e[a:b], nothing)[:, :, 1:]
         new.append(replace(item, J=each.over_axes(J)) if np.all(np.isfinite(J)) else item)
     return new
@@ -92,17 +92,15 @@ def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) 
     return result
 
 
-def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]:
+def _on_rows(search: Search, hypotheses: list[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses, or better ones with a delay of whole rows: likelihoods jump there, which stops refits."""
-    better, owners, work = list(hypothesises), [], []
-    for at, item in enumerate(hypothesises):
+    better, owners, work = list(hypotheses), [], []
+    for at, item in enumerate(hypotheses):
         for start in _whole_rows(search, item):
             owners.append(at)
             work.append(_Refit(search, start))
     _walk(search, work, CAL.screening_steps)
-    likely = [
-        each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < hypothesises[at].cost
-    ]
+    likely = [each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < hypotheses[at].cost]
     _walk(search, likely, CAL.iterations - CAL.screening_steps)
     for at, each in zip(owners, work, strict=True):
         if each.best is not None and each.best.cost < better[at].cost:
@@ -314,7 +312,7 @@ class _Refit:
         self._gained = np.inf if self.best is None or self._origin is not None else self.best.cost - cost
         self._origin, self._slopes = None, fresh or self._slopes
         self.best = Hypothesis(self.candidates, m, theta, linear, cost, e.copy(), self._derivatives(e.shape))
-        least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.colour.readings, 0.0)
+        least = CAL.settled + CAL.hopeless * max(cost - 0.5 * search.trust * search.whitener.readings, 0.0)
         self._least_gain = CAL.expected * least
         self.done = self._gained < least
         return not self.done

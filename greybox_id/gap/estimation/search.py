@@ -31,7 +31,7 @@ class Search:
     ----------
     bench : simulates the recordings.
     nuisances : parameters with priors.
-    colour : whitens residuals.
+    whitener : whitens residuals.
     trust : how many independent readings one counts as: less than one where model error outlasts a row, whatever the
         noise.
     error_scale : errors of tyre curves over their usual size.
@@ -44,7 +44,12 @@ class Search:
     """
 
     def __init__(
-        self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0, error_scale: float = 1.0
+        self,
+        bench: FreeRuns,
+        nuisances: Sequence[Axis],
+        whitener: Whitener,
+        trust: float = 1.0,
+        error_scale: float = 1.0,
     ) -> None:
         self.bench = bench
         self.moving, self._mix = curve_priors([axis for axis in nuisances if not axis.abrupt], error_scale)
@@ -56,7 +61,7 @@ class Search:
         self._stride = np.where(shaped, CAL.stride * sds, np.inf)
         self.expanded = np.array([axis.null for axis in self.shifts])
         self.simulations = 0
-        self.colour, self.trust = colour, trust
+        self.whitener, self.trust = whitener, trust
         self._columns = np.zeros((*bench.measured.shape, len(self.moving)))
 
     # ---- linearisation
@@ -89,14 +94,14 @@ class Search:
         self._whiten()
 
     @contextmanager
-    def counted(self, colour: Whitener) -> Iterator[None]:
-        """Whiten residuals by `colour`, and linearise anywhere, within the context; afterwards all is as before."""
-        before, kept = self.place(), self.colour
-        self.recoloured(colour)
+    def counted(self, whitener: Whitener) -> Iterator[None]:
+        """Whiten residuals by `whitener`, and linearise anywhere, within the context; afterwards all is as before."""
+        before, kept = self.place(), self.whitener
+        self.set_whitener(whitener)
         try:
             yield
         finally:
-            self.colour = kept
+            self.whitener = kept
             self.back(before)
 
     def place(self) -> dict[str, object]:
@@ -105,11 +110,11 @@ class Search:
 
     def back(self, place: dict[str, object]) -> None:
         """Return to a linearisation, whitened as now."""
-        now, counted = self.colour, self.simulations
+        now, counted = self.whitener, self.simulations
         vars(self).update(place)
         self.simulations = counted
-        if now is not self.colour:
-            self.recoloured(now)
+        if now is not self.whitener:
+            self.set_whitener(now)
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
         """Linearise lags, plays and limits about a hypothesis; delays stay at none, and cut no segments."""
@@ -140,9 +145,9 @@ class Search:
             if self.expanded[k] == self.shifts[k].null:
                 result[:, :, len(self.shifts) + k] = one - at
 
-    def recoloured(self, colour: Whitener) -> None:
-        """Whiten residuals by another colour."""
-        self.colour = colour
+    def set_whitener(self, whitener: Whitener) -> None:
+        """Whiten residuals by another whitener."""
+        self.whitener = whitener
         self._whiten()
 
     def trusting(self, trust: float) -> None:
@@ -152,12 +157,14 @@ class Search:
 
     def weighed(self, values: Array) -> Array:
         """Residuals or derivatives, (N, channels, ...), whitened: half their squares are negative log-likelihood."""
-        result: Array = self.colour.white(values)
+        result: Array = self.whitener.white(values)
         return result if self.trust == 1.0 else result * np.sqrt(self.trust)
 
     def _whiten(self) -> None:
         self.white = self.weighed(self._columns).reshape(self.bench.measured.size, self._columns.shape[2])
-        starts = np.tile([self.colour.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs))
+        starts = np.tile(
+            [self.whitener.stationary_sd[self._channel(k)] for k in self.bench.loose], len(self.bench.runs)
+        )
         axes, count = (*self.moving, *self.shifts), len(self.shifts)
         sds = [*(axis.sd for axis in self.shifts), *[CAL.jumps_sd] * count, *starts]
         self.precision = np.diag(1 / np.array([*(axis.sd for axis in self.moving), *sds]) ** 2)

@@ -73,13 +73,13 @@ def dropped(held: NDArray[np.bool_]) -> Scatter | None:
     return Scatter(share, float(np.sqrt(share * (1 - share) / len(held))), 10.0 * count)
 
 
-def fresh(bench: FreeRuns) -> NDArray[np.bool_]:
+def without_stale_rows(bench: FreeRuns) -> NDArray[np.bool_]:
     """(N, channels) readings that count, without rows held stale where these are no accident."""
     held = repeats(bench)
     return bench.counted & ~held[:, None] if dropped(held) is not None else bench.counted
 
 
-def steady(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def steady_rates(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Rates of readings, (N, channels), and where they are known: where no command makes readings jump.
 
     Where commands are held, accelerations jump with them at every row: a reading that is early by however little shows
@@ -120,7 +120,7 @@ def jitter(
     """
     if bench.learnt:
         return None
-    rates, use = steady(bench, y, sd, good)
+    rates, use = steady_rates(bench, y, sd, good)
     a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
     brief, z = (np.where(use, item, 0.0) for item in (_less_neighbours(z, good, bench.rows), z))
     h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
@@ -158,7 +158,9 @@ def jitter(
         gain = 0.0
     tossed = 0.0
     if jumps is not None:
-        tossed = coin(np.where(good, jumps / sd, 0.0), _less_neighbours(np.where(good, e / sd, 0.0), good, bench.rows))
+        tossed = order_gain(
+            np.where(good, jumps / sd, 0.0), _less_neighbours(np.where(good, e / sd, 0.0), good, bench.rows)
+        )
     if gain + tossed <= 0:
         return None
     at, step = float(best.x), 0.05
@@ -221,7 +223,7 @@ def _correlation_of_rows(a: Array, z: Array, v: float, runs: Sequence[slice]) ->
     return (alike - by_chance) * float(np.sqrt(len(pairs)))
 
 
-def coin(jumps: Array, z: Array) -> float:
+def order_gain(jumps: Array, z: Array) -> float:
     """Log-likelihood gained if each row comes before or after its command at random, over the same share for all rows.
 
     Parameters
@@ -287,16 +289,16 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     """
     y = np.where(bench.counted, base + bench.measured, 0.0)
     scatter = sole_jitter(bench, base, y, sd, good, jump)
-    known = good if jump is not None else steady(bench, y, sd, good)[1]
+    known = good if jump is not None else steady_rates(bench, y, sd, good)[1]
     gain = 0.5 * float(np.sum(np.where(known, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
-    if scatter is None or surely(scatter.gain) <= CAL.present:
+    if scatter is None or scatter_probability(scatter.gain) <= CAL.present:
         return False
     beside = jitter(bench, best, y, sd, good, jump)
     if beside is not None and scatter.left - beside.left > CAL.excess_exact:  # it explains what jitter leaves
         return gain + beside.gain - scatter.gain < CAL.cost
     if scatter.gain >= gain:
         return True
-    use = steady(bench, y, sd, good)[1]
+    use = steady_rates(bench, y, sd, good)[1]
     elsewhere = known & ~use & (jump == 0 if jump is not None else True)
     there = 0.5 * float(np.sum(np.where(elsewhere, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
     left = float(np.mean((best / sd)[use] ** 2)) if np.any(use) else 1.0
@@ -311,6 +313,6 @@ def sole_jitter(
     return scatter if scatter is not None and scatter.left <= CAL.unnamed_noise**2 else None
 
 
-def surely(gain: float) -> float:
+def scatter_probability(gain: float) -> float:
     """The probability of an effect on scatter, by its log-likelihood."""
     return float(expit(gain - CAL.cost_without_forces))

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from greybox_id.gap.estimation.noise import colour, sound, white_noise
+from greybox_id.gap.estimation.noise import colour, white_noise, without_spikes
 
 AR = (1.5, -0.7)
 
@@ -113,7 +113,7 @@ def test_spikes_are_found_and_few_other_readings_with_them(seed, places, slow, s
     alone = [p for p in sorted(places) if not places & set(range(p - 3, p))]
     places = np.array(alone, dtype=int)
     e[places] += sd * 25 * rng.choice([-1, 1], len(places))
-    good = sound(e[:, None], np.ones((2000, 1), dtype=bool), [slice(0, 2000)])[:, 0]
+    good = without_spikes(e[:, None], np.ones((2000, 1), dtype=bool), [slice(0, 2000)])[:, 0]
     assert not np.any(good[places])
     assert np.sum(~good) - len(places) <= 0.002 * 2000
 
@@ -122,7 +122,7 @@ def test_spikes_are_found_and_few_other_readings_with_them(seed, places, slow, s
 def test_a_spike_in_the_first_or_last_row_is_one(place):
     e = np.random.default_rng(0).standard_normal((400, 1))
     e[place] += 50
-    assert np.flatnonzero(~sound(e, *everything(e))[:, 0]).tolist() == [place]
+    assert np.flatnonzero(~without_spikes(e, *everything(e))[:, 0]).tolist() == [place]
 
 
 def test_spikes_are_judged_channel_by_channel_and_run_by_run():
@@ -130,21 +130,21 @@ def test_spikes_are_judged_channel_by_channel_and_run_by_run():
     e = np.column_stack([rng.standard_normal(600), 100 * rng.standard_normal(600)])
     e[300:] *= 50
     e[100, 0] += 30
-    good = sound(e, np.ones(e.shape, dtype=bool), [slice(0, 300), slice(300, 600)])
+    good = without_spikes(e, np.ones(e.shape, dtype=bool), [slice(0, 300), slice(300, 600)])
     assert np.argwhere(~good).tolist() == [[100, 0]]
 
 
 def test_what_does_not_count_or_is_no_number_is_not_sound():
     e, counted = np.random.default_rng(0).standard_normal((400, 1)), np.ones((400, 1), dtype=bool)
     e[7], counted[9] = np.nan, False
-    good = sound(e, counted, [slice(0, 400)])
+    good = without_spikes(e, counted, [slice(0, 400)])
     assert np.flatnonzero(~good[:, 0]).tolist() == [7, 9]
 
 
 @pytest.mark.parametrize("value", [0.0, 3.0])
 def test_constant_residuals_are_sound(value):
     e = np.full((200, 1), value)
-    assert np.all(sound(e, *everything(e)))
+    assert np.all(without_spikes(e, *everything(e)))
 
 
 def test_a_stretch_without_readings_is_no_reason_to_warn():
@@ -152,7 +152,7 @@ def test_a_stretch_without_readings_is_no_reason_to_warn():
     counted[:20] = counted[100:140] = False
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        sound(e, counted, [slice(0, 400)])
+        without_spikes(e, counted, [slice(0, 400)])
 
 
 def test_white_noise_scales_by_its_size():

@@ -11,7 +11,16 @@ from toys import drive, tiny
 
 from greybox_id.gap.estimation import variance
 from greybox_id.gap.estimation.preparing import prepare
-from greybox_id.gap.estimation.variance import Scatter, coin, dropped, fresh, jitter, jitters, repeats, sole_jitter
+from greybox_id.gap.estimation.variance import (
+    Scatter,
+    dropped,
+    jitter,
+    jitters,
+    order_gain,
+    repeats,
+    sole_jitter,
+    without_stale_rows,
+)
 from greybox_id.models.effects import EFFECTS
 
 DT, SD = 0.01, np.array([0.05, 0.1])
@@ -140,18 +149,18 @@ def tossed(size, early, shift=0.0, noise=1.0, seed=0, rows=4000):
 @pytest.mark.parametrize("noise", [0.7, 1.0, 1.5])
 def test_readings_that_come_early_or_late_by_chance_are_told_whatever_the_model_takes_up(shift, noise):
     jumps, z = tossed(0.6 * noise, 0.5, shift, noise)
-    assert coin(jumps, z) > 10
+    assert order_gain(jumps, z) > 10
 
 
 @pytest.mark.parametrize(("early", "shift"), [(0.0, 0.0), (1.0, 0.0), (0.0, 0.5), (1.0, 0.3)])
 def test_readings_that_all_come_early_or_all_late_are_none(early, shift):
-    gains = [coin(*tossed(0.6, early, shift, seed=seed)) for seed in range(20)]
+    gains = [order_gain(*tossed(0.6, early, shift, seed=seed)) for seed in range(20)]
     assert max(gains) < 2.0
 
 
 def test_where_no_reading_jumps_no_coin_falls():
-    assert coin(np.zeros((500, 2)), np.ones((500, 2))) == 0.0
-    assert coin(*tossed(2.0, 0.5, rows=10)) == 0.0
+    assert order_gain(np.zeros((500, 2)), np.ones((500, 2))) == 0.0
+    assert order_gain(*tossed(2.0, 0.5, rows=10)) == 0.0
 
 
 def test_a_coin_that_falls_is_jitter_though_rates_do_not_tell():
@@ -189,9 +198,9 @@ def test_exact_repeats_are_counted(share):
 
 def test_rows_held_stale_are_no_readings():
     bench, stale = held(0.1)
-    np.testing.assert_array_equal(fresh(bench), bench.counted & ~stale[:, None])
+    np.testing.assert_array_equal(without_stale_rows(bench), bench.counted & ~stale[:, None])
     bench, _ = held(0.0)
-    np.testing.assert_array_equal(fresh(bench), bench.counted)
+    np.testing.assert_array_equal(without_stale_rows(bench), bench.counted)
 
 
 def test_a_run_s_first_row_repeats_nothing():
