@@ -1,1 +1,1 @@
-"""Reports: what a fit says, as data, as figures and as a PDF."""
+"""Reports of results: content, figures, and output as PDF, HTML and text."""

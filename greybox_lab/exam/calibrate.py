@@ -1,12 +1,12 @@
-"""Deriving the numbers of a diagnosis again: `python -m greybox_lab.exam.calibrate curves|thresholds|search`.
+"""Recalibration of the numbers of a diagnosis: `python -m greybox_lab.exam.calibrate curves|thresholds|search`.
 
-    curves                    how far magic formulas are from curves of the families for development
-    thresholds FOLDER ..      what nulls gain and leave, and what causes do; of examinations for development
-    search FOLDER .. --draws  verdicts with all numbers of the search halved and doubled at random, at once
+    curves                    distances of magic formulas from the tyre curves of the development families
+    thresholds FOLDER ..      gains of nulls and of causes, and model errors, in development examinations
+    search FOLDER .. --draws  verdicts with all numbers of the search randomly halved or doubled at once
 
-FOLDER is an examination that was made, and for thresholds also diagnosed, of families that no examination
-draws from: `greybox exam make --tier foreign --family development`, or of any tier by a seed that is used for nothing
-else. Answers are read, so that such an examination proves nothing afterwards. All print one JSON object.
+FOLDER is an examination that was made, and for thresholds also diagnosed, with families that no examination
+uses: `greybox exam make --tier foreign --family development`, or of any tier with a seed that is used for nothing
+else. Answers are read, so such an examination proves nothing afterwards. Each part prints one JSON object.
 """
 
 from __future__ import annotations

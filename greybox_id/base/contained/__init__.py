@@ -1,5 +1,5 @@
-"""Work in processes of its own: what ends one, or takes too long or too much, ends nothing else.
+"""Work in separate processes: a crash, or too much time or memory in one of them, affects nothing else.
 
-`process.Contained` is such a process as seen by who asks it, `inside` what runs in it and what goes between them;
+`process.Contained` is the caller's side of such a process, `inside` the code that runs in it, with their protocol;
 `units.Nursery` forks a child for each unit of work.
 """

@@ -1,1 +1,1 @@
-"""What a person sees of a diagnosis: sentences, one page of pictures, a report."""
+"""Presentation of a diagnosis: sentences, a page of figures, a report."""
