@@ -246,7 +246,7 @@ def compared(fits: Mapping[tuple[str, str], Fit], valid: Recording) -> list[Row]
             pair = paired(_errors(ours)[mine], _errors(theirs)[other], runs, valid.sample_time)
             result.append(
                 {"output": output, "model": name, "against": OURS, "difference": pair.second - pair.first,
-                 "low": pair.low, "high": pair.high, "distinguished": pair.told, "blocks": pair.blocks}
+                 "low": pair.low, "high": pair.high, "distinguished": pair.significant, "blocks": pair.blocks}
             )  # fmt: skip
     return result
 
