@@ -47,24 +47,24 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     free : (n,) which components of d may be nonzero.
     damping : share of an unknown's curvature that is added to it.
     """
-    scale = np.diag(H).copy()
+    scale = H.diagonal().copy()
     scale[scale <= 0] = 1.0
     added = (damping + LEAST_RIDGE) * scale
     unit = 1.0 / np.sqrt(scale)  # scale unknowns by their curvature: their SI units span orders of magnitude
-    step = np.where(free, np.clip(0.0, low, high), 0.0)
-    slope, free = g + (H @ step + added * step if np.any(step) else step), free & (low < high)
+    step = np.where(free, np.minimum(np.maximum(0.0, low), high), 0.0)
+    slope, free = g + (H @ step + added * step if step.any() else step), free & (low < high)
     at_low, at_high = free & (low >= step) & (slope > 0), free & (high <= step) & (slope < 0)
     for _ in range(3 * len(g) + 10):
         movable = np.flatnonzero(free & ~at_low & ~at_high)
         by = unit[movable]
-        inner = (H if len(movable) == len(g) else H[np.ix_(movable, movable)]) * by
+        inner = (H if len(movable) == len(g) else H[movable[:, None], movable]) * by
         inner *= by[:, None]
-        inner[np.diag_indices_from(inner)] += added[movable] * by**2
+        inner.ravel("K")[:: len(by) + 1] += added[movable] * by**2  # its diagonal
         move = by * solved(inner, -by * slope[movable], overwrite=True) if len(movable) else by
         bound = np.where(move < 0, low[movable], high[movable])
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             share = np.where(move != 0, (bound - step[movable]) / move, np.inf)
-        nearest = float(np.min(share, initial=1.0))
+        nearest = float(share.min(initial=1.0))
         step[movable] += min(max(nearest, 0.0), 1.0) * move
         if nearest < 1.0:
             blocking = share <= nearest
@@ -73,7 +73,7 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
             at_high[movable[blocking & (move > 0)]] = True
             slope = g + H @ step + added * step
             continue
-        if not np.any(at_low | at_high):
+        if not (at_low | at_high).any():
             break
         slope = g + H @ step + added * step
         scaled_slope = slope * unit
@@ -90,7 +90,7 @@ def solved(H: Array, b: Array, overwrite: bool = False) -> Array:
 
     `overwrite`: H may be overwritten.
     """
-    diagonal = np.diag(H).copy()
+    diagonal = H.diagonal().copy()
     # H is symmetric, so H.T is H in LAPACK's column order without a copy
     _, result, failed = lapack.dposv(H.T, b, overwrite_a=overwrite)
     if not failed:
@@ -471,11 +471,12 @@ def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations
     A full step's is no smaller, but for rounding: if the entries of H span more than double precision, the full step
     can come out as zero, and a point with an enormous gradient would pass for an optimum.
     """
-    curvature = np.diag(equations.H)
+    curvature = equations.H.diagonal()
     moving = problem.free & (curvature > 0) & np.isfinite(x)
-    if not np.any(moving):
+    if not moving.any():
         return 0.0
     g, h = equations.g[moving], curvature[moving]
     with np.errstate(all="ignore"):
-        step = np.clip(-g / h, (problem.bounds[0] - x)[moving], (problem.bounds[1] - x)[moving])
-        return float(np.nanmax(-(g * step + 0.5 * h * step**2), initial=0.0))
+        low, high = ((bound - x)[moving] for bound in problem.bounds)
+        step = np.minimum(np.maximum(-g / h, low), high)
+        return float(np.fmax.reduce(-(g * step + 0.5 * h * step**2), initial=0.0))
