@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Index
 
 HOURS = 1_000_000
 """Readings processed at once, an hour at 100 Hz with three outputs: temporary arrays are no longer than this."""
@@ -83,7 +84,13 @@ def square(packed: Array, count: int) -> Array:
     """Symmetric matrices from their lower triangles, packed row by row."""
     if not packed.shape[1]:
         return np.empty((len(packed), 0, 0))
-    row, column = np.tril_indices(count)
+    row, column = _triangle(count)
     result = np.empty((len(packed), count, count))
     result[:, row, column] = result[:, column, row] = packed
     return result
+
+
+@lru_cache(maxsize=64)
+def _triangle(count: int) -> tuple[Index, Index]:
+    """Rows and columns of a lower triangle; finding them takes as long as filling a small one."""
+    return np.tril_indices(count)

@@ -489,10 +489,11 @@ class MotionProblem:
 
 def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:
     """Add the J'J and J'r of lanes to H and g, in place, at the indices of their unknowns."""
-    if np.all(index == index[0]):
-        g[index[0]] += np.sum(pull, axis=0)
+    first = index[0]
+    if (index == first).all():
+        g[first] += pull.sum(axis=0)
         if H is not None and inner is not None:
-            H[np.ix_(index[0], index[0])] += np.sum(inner, axis=0)
+            H[first[:, None], first] += inner.sum(axis=0)
         return
     np.add.at(g, index, pull)
     if H is not None and inner is not None:
