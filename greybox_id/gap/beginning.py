@@ -144,8 +144,8 @@ def _gains_in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array
     """
     rows, channels, count = J.shape
     W, r = search.weighed(J), search.weighed(parent.e[:, :, None])[:, :, 0]
-    value = search.weighed(parent.J)
-    A = np.concatenate([search.white.reshape(rows, channels, -1), value], axis=2)
+    columns = search.weighed(parent.J)
+    A = np.concatenate([search.white.reshape(rows, channels, -1), columns], axis=2)
     u = np.concatenate([parent.theta, parent.linear])
     n = len(u)
     H, g = _products(A, A), _products(A, r[:, :, None])[:, 0]
@@ -222,8 +222,8 @@ def _part(bench: Bench, rows: slice) -> ActingRows:
     row = rows.start if begins else rows.stop
     run = next(k for k, item in enumerate(bench.rows) if item.start <= row < item.stop)
     at = float(bench.time[row])
-    value = bench.runs[run]
-    return ActingRows(rows, value.name, value.number, *((at, None) if begins else (None, at)))
+    whole = bench.runs[run]
+    return ActingRows(rows, whole.name, whole.number, *((at, None) if begins else (None, at)))
 
 
 def _placed(begun: _Begun) -> _Begun:
@@ -243,13 +243,13 @@ def _placed(begun: _Begun) -> _Begun:
 
 def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
     """The hypothesis with its effect beginning or ending `by` rows later; None where that is too near to an end."""
-    value, *others = reversed(begun.hypothesis.candidates)
-    assert value.part is not None
-    old = value.part.rows
+    begins, *others = reversed(begun.hypothesis.candidates)
+    assert begins.part is not None
+    old = begins.part.rows
     edge = (old.start or old.stop) + by
     if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
         return None
-    acting = _acting(begun.search, value, slice(edge, rows) if old.start else slice(0, edge))
+    acting = _acting(begun.search, begins, slice(edge, rows) if old.start else slice(0, edge))
     candidates = (*reversed(others), acting.candidate)
     result = refit(acting.search, [replace(begun.search.start_of(begun.hypothesis), candidates=candidates)])
     return _Begun(acting.search, result[0]) if result else None
@@ -266,30 +266,34 @@ def _weighed(
     search = best.search
     search.set_whitener(whitener(search, best.hypothesis))
     search.about(best.hypothesis)
-    value = settled(
+    hypothesis = settled(
         search, min(refit(search, [search.start_of(best.hypothesis)]), key=by_cost, default=best.hypothesis)
     )
-    best = _placed(_Begun(search, value))
-    search, value = best.search, best.hypothesis
+    best = _placed(_Begun(search, hypothesis))
+    search, hypothesis = best.search, best.hypothesis
     constant = (selection.base, *selection.tried[: CAL.rivals])
-    starts = [Start(each.candidates, each.m, value.theta, value.linear, slopes=each.J) for each in constant]
+    starts = [Start(each.candidates, each.m, hypothesis.theta, hypothesis.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
-    bases, tried = [each for each in again if not each.names], {frozenset(value.names): value}
-    places = value.candidates[-1].part
+    bases, tried = [each for each in again if not each.names], {frozenset(hypothesis.names): hypothesis}
+    places = hypothesis.candidates[-1].part
     assert places is not None
     for candidates, m, rows in (
-        (value.candidates[-1:], value.m[value.parts[-1][1]], places.rows),
+        (hypothesis.candidates[-1:], hypothesis.m[hypothesis.parts[-1][1]], places.rows),
         *(
             (each.hypothesis.candidates, each.hypothesis.m, at)
             for each in result
             for at in _rows(each.hypothesis, places)
         ),
     ):
-        if (names := frozenset(each.effect for each in candidates)) == frozenset(value.names):
+        if (names := frozenset(each.effect for each in candidates)) == frozenset(hypothesis.names):
             continue
         acting = _acting(search, candidates[-1], rows)
-        for one in refit(acting.search, [Start((*candidates[:-1], acting.candidate), m, value.theta, value.linear)]):
-            placed = _placed(_Begun(acting.search, one)).hypothesis if score(one) < score(value) + CAL.cost else one
+        for one in refit(
+            acting.search, [Start((*candidates[:-1], acting.candidate), m, hypothesis.theta, hypothesis.linear)]
+        ):
+            placed = (
+                _placed(_Begun(acting.search, one)).hypothesis if score(one) < score(hypothesis) + CAL.cost else one
+            )
             if names not in tried or placed.cost < tried[names].cost:
                 tried[names] = placed
     for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):

@@ -190,8 +190,8 @@ def _fitted(
 
 def _counted(examined: Examined, best: Hypothesis) -> Array:
     """(outputs,) sd of readings in free runs: spread of errors, times the root of their correlation time."""
-    value, counted = examined.at_its_best(best), []
-    for good, e in zip(examined.good.T, value.e.T, strict=True):
+    freed, counted = examined.at_its_best(best), []
+    for good, e in zip(examined.good.T, freed.e.T, strict=True):
         spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
         alike = correlation_time(np.where(good, e, 0.0)[:, None])
         counted.append(max(spread, LEAST_NOISE) * float(np.sqrt(alike)))
@@ -227,5 +227,5 @@ def _least(errors: Sequence[tuple[Errors, ...]]) -> int:
 
 def _size(errors: Sequence[Errors], when: str) -> float:
     """Mean square of errors over all horizons and channels, in units of their floors."""
-    value = [(getattr(each, when) / each.floor) ** 2 for each in errors if each.floor > 0]
-    return float(np.mean(value)) if value else 0.0
+    squares = [(getattr(each, when) / each.floor) ** 2 for each in errors if each.floor > 0]
+    return float(np.mean(squares)) if squares else 0.0

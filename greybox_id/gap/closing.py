@@ -117,10 +117,11 @@ def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], b
     """Free-run errors per channel."""
     result = []
     for c, channel in enumerate(bench.channels):
-        value = good[:, c]
-        if np.any(value):
+        counted = good[:, c]
+        if np.any(counted):
             free = (
-                (each.e[value, c], diverges(each.e[value, c], bench.measured[value, c])) for each in (before, after)
+                (each.e[counted, c], diverges(each.e[counted, c], bench.measured[counted, c]))
+                for each in (before, after)
             )
             a, b = (np.inf if lost else float(np.sqrt(np.mean(e**2))) for e, lost in free)
             result.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))

@@ -357,7 +357,7 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
     channel : where it is largest.
     like : effects that it resembles.
     """
-    value, names, left = examined.signs, examined.best.names, examined.unnamed
+    signs, names, left = examined.signs, examined.best.names, examined.unnamed
     parts = [f"the unexplained error is largest in {channel}"] if channel else []
     if like:
         first, *others = like
@@ -373,12 +373,12 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
             f"unknown forces of {number(lateral, 2)} % of the lateral and {number(longitudinal, 2)} % of the "
             "longitudinal ones"
         )
-    if names and value.spread > CAL.form_of_size:
+    if names and signs.spread > CAL.form_of_size:
         parts.append(
-            f"the estimate of {names[0]}, the nearest named effect, would differ by {100 * value.spread:.0f} % "
-            f"{value.place}"
+            f"the estimate of {names[0]}, the nearest named effect, would differ by {100 * signs.spread:.0f} % "
+            f"{signs.place}"
         )
-    if value.left > CAL.form_of_size:
+    if signs.left > CAL.form_of_size:
         on = listed([recording.name for recording in examined.recordings])
-        parts.append(f"{100 * min(value.left, 1.0):.0f} % of the error beyond noise is left on {on}")
+        parts.append(f"{100 * min(signs.left, 1.0):.0f} % of the error beyond noise is left on {on}")
     return "; ".join(parts) or "its shape matches no known effect"

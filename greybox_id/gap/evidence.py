@@ -191,10 +191,10 @@ def _prices_of_aliases(tried: Sequence[Hypothesis], prices: Sequence[float]) -> 
 
 def probability(evidence: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
     """The probability that any of these effects is present: the weight of the hypotheses that contain one."""
-    value = [
+    weights = [
         weight for weight, each in zip(evidence.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
     ]
-    return float(min(sum(value), 1.0))
+    return float(min(sum(weights), 1.0))
 
 
 def p_value(gain: float, axes: int, candidates: int) -> float:

@@ -33,15 +33,15 @@ def unnamed_probability(examined: Examined) -> float:
     """
     if examined.unnamed is None:
         return _without_forces(examined)
-    value, usual = examined.unnamed, examined.expected.median
-    share = max(value.share_y / usual.share_y, value.share_x / usual.share_x)
-    loud = max(value.noise.values(), default=1.0) if examined.noise_stated else 1.0
+    unnamed, usual = examined.unnamed, examined.expected.median
+    share = max(unnamed.share_y / usual.share_y, unnamed.share_x / usual.share_x)
+    loud = max(unnamed.noise.values(), default=1.0) if examined.noise_stated else 1.0
     odds = [
         CAL.unnamed_slope * log(share / CAL.unnamed_share),
         CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
     ]
-    if value.strain > 0:
-        odds.append(CAL.mimic_slope * log(value.strain / CAL.unnamed_strain))
+    if unnamed.strain > 0:
+        odds.append(CAL.mimic_slope * log(unnamed.strain / CAL.unnamed_strain))
     return float(1 - np.prod([1 / (1 + exp(min(x, 30.0))) for x in odds]))
 
 

@@ -125,8 +125,8 @@ def _smooth(values: Array, bench: FreeRuns) -> Array:
     """Moving mean, so that noise does not define regimes."""
     length, result = max(1, round(CAL.smooth / bench.sample_time)), []
     for rows in bench.rows:
-        value = min(length, rows.stop - rows.start)
-        result.append(np.convolve(values[rows], np.ones(value) / value, mode="same"))
+        window = min(length, rows.stop - rows.start)
+        result.append(np.convolve(values[rows], np.ones(window) / window, mode="same"))
     return np.concatenate(result)
 
 

@@ -165,7 +165,7 @@ def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothe
     values = {axis.name: float(p[axis.index]) for axis in search.moving}
     for k in np.flatnonzero(stage.included):
         values.pop(problem.causes[k].main.name, None)
-    value = search.at_values(values)
+    placed = search.at_values(values)
     candidates, m = [], list[float]()
     for k in np.flatnonzero(stage.included):
         cause = problem.causes[k]
@@ -178,7 +178,7 @@ def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothe
         m += [at, *seconds]
     count = sum(len(each.axes) for each in candidates)
     assert count == len(m)
-    return replace(value, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*value.e.shape, count)))
+    return replace(placed, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*placed.e.shape, count)))
 
 
 def _as_refitted(candidate: Candidate) -> Candidate:

@@ -115,10 +115,10 @@ def excess_ratio(
         return float((np.mean((e / sd)[good] ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / count)) / alone)
     most = 0.0
     for c, channel in enumerate(channels):
-        value, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
-        if np.any(value):
-            excess = np.mean((e[value, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(value))
-            most = max(most, float(excess / max(alone, (share * np.std(y[value, c]) / sd[c]) ** 2)))
+        counted, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
+        if np.any(counted):
+            excess = np.mean((e[counted, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(counted))
+            most = max(most, float(excess / max(alone, (share * np.std(y[counted, c]) / sd[c]) ** 2)))
     return most
 
 
@@ -229,8 +229,8 @@ def strained_shares(search: Search, best: Hypothesis) -> dict[str, float]:
     it.
     """
     off = np.concatenate([best.theta, best.linear]) - search.means
-    value = np.diag(search.prior_precision({axis.index for axis in best.axes}))
-    strained = search.white[:, value * off**2 > 1.0]
+    precision = np.diag(search.prior_precision({axis.index for axis in best.axes}))
+    strained = search.white[:, precision * off**2 > 1.0]
     columns = search.weighed(best.J).reshape(len(search.white), -1)
     result = {}
     for candidate, at in best.parts:
@@ -245,13 +245,13 @@ def strained_shares(search: Search, best: Hypothesis) -> dict[str, float]:
 def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
     """Remaining model error beside the best explanation, with the strain of tolerances and the noise."""
     off = np.concatenate([best.theta, best.linear]) - search.means
-    value = search.prior_precision({axis.index for axis in best.axes})
-    each = np.sqrt(np.maximum(np.diag(value), 0.0)) * np.abs(off)
+    precision = search.prior_precision({axis.index for axis in best.axes})
+    each = np.sqrt(np.maximum(np.diag(precision), 0.0)) * np.abs(off)
     names = [axis.name for axis in (*search.moving, *search.shifts, *search.shifts)]
     k = int(np.argmax(each[: len(names)])) if names else -1
     total = np.hypot(result.noise, result.colour) / np.hypot(median.noise, median.colour)
     return Unnamed(
         result.share_y, result.share_x, result.floor_y, result.floor_x, result.memory_y, result.memory_x,
-        float(off @ value @ off), (names[k], float(each[k])) if names else ("", 0.0),
+        float(off @ precision @ off), (names[k], float(each[k])) if names else ("", 0.0),
         {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)}, search.expected_charge(best),
     )  # fmt: skip

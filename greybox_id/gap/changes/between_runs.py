@@ -342,12 +342,12 @@ def descended(
         damping = damping if damping > CAL.damping else 0.0
         then, step = curve(there), there - u
         plain = _promises(here.g, here.H, step)
-        value = float(step @ lacking @ step)
-        augmented = abs(plain - 0.5 * value - gained) < abs(plain - gained)
+        learned = float(step @ lacking @ step)
+        augmented = abs(plain - 0.5 * learned - gained) < abs(plain - gained)
         turned = then.g - here.g
         missed = turned - then.H @ step
-        if value != 0:  # the learned curvature fades where it does not hold
-            lacking *= min(1.0, abs(float(step @ missed) / value))
+        if learned != 0:  # the learned curvature fades where it does not hold
+            lacking *= min(1.0, abs(float(step @ missed) / learned))
         bend = float(step @ turned)
         if bend > 0:
             missed = missed - lacking @ step

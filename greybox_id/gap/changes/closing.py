@@ -75,8 +75,8 @@ def channels_of(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]
     read = known.weigher.follower.read
     squares, count = np.zeros(len(read)), np.zeros(len(read))
     for ride in rides:
-        value = known.weigher.innovations(ride, known.x)
-        if value is not None:
-            squares += np.sum((value.white**2).reshape(-1, len(read)), axis=0)
-            count += np.sum(value.there.reshape(-1, len(read)), axis=0)
+        innovations = known.weigher.innovations(ride, known.x)
+        if innovations is not None:
+            squares += np.sum((innovations.white**2).reshape(-1, len(read)), axis=0)
+            count += np.sum(innovations.there.reshape(-1, len(read)), axis=0)
     return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}

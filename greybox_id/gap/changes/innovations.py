@@ -77,8 +77,8 @@ class FollowedRun:
 
     def halves(self) -> tuple[FollowedRun, FollowedRun]:
         """Its first and its second half."""
-        value, middle = self.recording, len(self.recording) // 2
-        return replace(self, recording=value.rows(0, middle)), replace(self, recording=value.rows(middle, len(value)))
+        whole, middle = self.recording, len(self.recording) // 2
+        return replace(self, recording=whole.rows(0, middle)), replace(self, recording=whole.rows(middle, len(whole)))
 
 
 @dataclass(frozen=True)
@@ -308,11 +308,11 @@ class Follower:
 
     def _runs(self, ride: FollowedRun, p: Array) -> list[LaidRun]:
         """A ride laid out for delays of these numbers."""
-        trace, value = self.space.trace, p[: self.model.size]
-        shifts = tuple(np.asarray(trace.timing(value).full()).ravel().tolist()) if trace.shift_count else ()
+        trace, numbers = self.space.trace, p[: self.model.size]
+        shifts = tuple(np.asarray(trace.timing(numbers).full()).ravel().tolist()) if trace.shift_count else ()
         key = id(ride), shifts
         if key not in self._laid:
             while len(self._laid) > 64:
                 del self._laid[next(iter(self._laid))]
-            self._laid[key] = laid(self.space, ride.recording, value, self.read)
+            self._laid[key] = laid(self.space, ride.recording, numbers, self.read)
         return self._laid[key]

@@ -91,11 +91,11 @@ def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> 
 
     What is usual is learned where recordings from before were driven: elsewhere model errors differ.
     """
-    value, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
-    if not len(value) or not len(known):
+    driven, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
+    if not len(driven) or not len(known):
         return 0.0
-    reach = np.stack([np.full(len(value), CAL.steered_alike), CAL.fast_alike * np.abs(value[:, 1])], axis=1)
-    near = np.all(np.abs(value[:, None] - known[None]) <= reach[:, None], axis=2)
+    reach = np.stack([np.full(len(driven), CAL.steered_alike), CAL.fast_alike * np.abs(driven[:, 1])], axis=1)
+    near = np.all(np.abs(driven[:, None] - known[None]) <= reach[:, None], axis=2)
     return float(min(np.mean(np.any(near, axis=1)), np.mean(np.any(near, axis=0))))
 
 
@@ -197,5 +197,5 @@ def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
         parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
         single += np.sum(parts**2, axis=(0, 1))
         sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
-    value = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
-    return float(np.clip(np.median(value), 1 / together, 1.0)) if value else 1.0
+    ratios = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
+    return float(np.clip(np.median(ratios), 1 / together, 1.0)) if ratios else 1.0

@@ -128,9 +128,9 @@ def diagnose_change(
         motion.
     """
     tell = say or (lambda line, **_: None)
-    model, vehicle, read, value = _begun(model, [*after, *held_out], since, effects, vehicle)
+    model, vehicle, read, possible = _begun(model, [*after, *held_out], since, effects, vehicle)
     with threadpool_limits(1):  # matrices are tiny
-        full, numbers = numbers_of(model, value, vehicle)
+        full, numbers = numbers_of(model, possible, vehicle)
         long = seconds_followed(model)
         before, rides, others = ([FollowedRun.of(one, read, long) for one in part] for part in (since, after, held_out))
         filtered = filtered_alike([*after, *held_out, *since])
@@ -142,7 +142,7 @@ def diagnose_change(
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
-        direct = by_place(known, value, steering_changes([*after, *held_out], since))
+        direct = by_place(known, possible, steering_changes([*after, *held_out], since))
         moved = known.x.copy()
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
@@ -150,7 +150,7 @@ def diagnose_change(
         elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
     result = [one for one in result if one.place not in direct]
     changed = _answer(
-        model, value, vehicle, known, base, result, rides, others or rides, after, held_out, since, direct
+        model, possible, vehicle, known, base, result, rides, others or rides, after, held_out, since, direct
     )
     return replace(changed, gap=replace(changed.gap, doubts=(*changed.gap.doubts, *elsewhere)))
 
@@ -173,13 +173,13 @@ def visible_changes(
     ------
     BadInput : as of `diagnose_change`.
     """
-    model, vehicle, read, value = _begun(model, [], since, effects, vehicle)
+    model, vehicle, read, possible = _begun(model, [], since, effects, vehicle)
     with threadpool_limits(1):
-        full, numbers = numbers_of(model, value, vehicle)
+        full, numbers = numbers_of(model, possible, vehicle)
         rides = [FollowedRun.of(one, read, seconds_followed(model)) for one in since]
         known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
-        names = {effect.parameter.name: name for name, effect in value.items()}
-        units = {name: effect.parameter.unit for name, effect in value.items()}
+        names = {effect.parameter.name: name for name, effect in possible.items()}
+        units = {name: effect.parameter.unit for name, effect in possible.items()}
         return visible(known, rides, names, units, CAL.cost_changed)
 
 
@@ -208,10 +208,10 @@ def _begun(
             "which something may have changed. Name recordings from before the change."
         )
     read = _readings(model, [*after, *since])
-    value = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
-    if not value:
+    possible = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
+    if not possible:
         raise BadInput(f"No effect that may change between runs acts on {model.name} and these recordings.")
-    return model, vehicle, read, value
+    return model, vehicle, read, possible
 
 
 def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -236,7 +236,7 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
 
 def _answer(
     model: MotionModel,
-    value: Mapping[str, Effect],
+    possible: Mapping[str, Effect],
     vehicle: Vehicle,
     known: Common,
     base: RunExplained,
@@ -249,7 +249,7 @@ def _answer(
     direct: Mapping[int, ByColumns],
 ) -> Changed:
     """The answer from all estimates; `direct` are the changes that two columns show by themselves."""
-    effects = {effect.parameter.name: name for name, effect in value.items()}
+    effects = {effect.parameter.name: name for name, effect in possible.items()}
     names = {place: effects[number.name] for place, number in enumerate(known.numbers) if number.name in effects}
     recordings = [tuple(one.name for one in part) for part in (after, held_out or after)]
 
@@ -284,7 +284,7 @@ def _answer(
 
     def ranked(place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
         """An effect with its magnitude."""
-        number, unit = known.numbers[place], value[names[place]].parameter.unit
+        number, unit = known.numbers[place], possible[names[place]].parameter.unit
         at = np.clip(known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
         low, size, high = (number.value(each) for each in at)
         return Ranked(names[place], float(probability), size, unit, (low, high), gain=gain, **more)
@@ -324,29 +324,29 @@ def _answer(
         not_excited={},
         absorbed=(),
         advice=(),
-        closed=_model_at(model, value, known, mean),
+        closed=_model_at(model, possible, known, mean),
         budget=budget_of(known, others, mean, applied, names, judged, bool(held_out)),
     )  # fmt: skip
-    before, scatter = _before(vehicle, value, known)
+    before, scatter = _before(vehicle, possible, known)
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
                    _sds(known, [*rides, *others], effects, applied))  # fmt: skip
 
 
 def _before(
-    vehicle: Vehicle, value: Mapping[str, Effect], known: Common
+    vehicle: Vehicle, possible: Mapping[str, Effect], known: Common
 ) -> tuple[Vehicle, dict[str, tuple[float, float]]]:
     """The vehicle as it was, as its recordings estimate it; effect -> its magnitude and scatter between runs."""
     values = values_of(known.numbers, known.x)
     sds = np.sqrt(np.diag(known.covariance))
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
                for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
-    scatter = {name: numbers[effect.parameter.name][::2] for name, effect in value.items()}
+    scatter = {name: numbers[effect.parameter.name][::2] for name, effect in possible.items()}
     before = replace(
         vehicle,
         values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
                 for name, one in vehicle.values.items()},
-        effects={**vehicle.effects, **{name: Stated(_within(value[name], m),
-                                                    s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
+        effects={**vehicle.effects, **{name: Stated(_within(possible[name], m),
+                                                    s * (abs(m) if possible[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
     return before, scatter
@@ -374,11 +374,11 @@ def _sds(
     return result
 
 
-def by_place(known: Common, value: Mapping[str, Effect], columns: Sequence[ByColumns]) -> dict[int, ByColumns]:
+def by_place(known: Common, possible: Mapping[str, Effect], columns: Sequence[ByColumns]) -> dict[int, ByColumns]:
     """Changes that two columns show, by the index of their number."""
     places = {number.name: place for place, number in enumerate(known.numbers)}
-    return {places[value[one.effect].parameter.name]: one for one in columns
-            if one.effect in value and value[one.effect].parameter.name in places}  # fmt: skip
+    return {places[possible[one.effect].parameter.name]: one for one in columns
+            if one.effect in possible and possible[one.effect].parameter.name in places}  # fmt: skip
 
 
 def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
@@ -409,10 +409,10 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
     stated = []
     for place in known.varying:
         deviation_sd = known.deviation_sds[:, place]
-        value, weights = known.deviations[:, place], 1 / np.maximum(deviation_sd, 1e-12) ** 2
+        deviations, weights = known.deviations[:, place], 1 / np.maximum(deviation_sd, 1e-12) ** 2
         about = at - np.sum(weights * at) / np.sum(weights)
         information = float(np.sum(weights * about**2))
-        trend = float(np.sum(weights * about * value)) / information
+        trend = float(np.sum(weights * about * deviations)) / information
         if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
             stated.append(
                 f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: the change "

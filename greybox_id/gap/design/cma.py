@@ -30,8 +30,8 @@ class CMA:
 
     def ask(self) -> Array:
         """(lambda, n) points to evaluate; the very first one is the start."""
-        value, self.B = np.linalg.eigh(self.C)
-        self.D = np.sqrt(np.maximum(value, 1e-14))
+        variances, self.B = np.linalg.eigh(self.C)
+        self.D = np.sqrt(np.maximum(variances, 1e-14))
         z = self.rng.standard_normal((self.count, len(self.mean)))
         if self.k == 0:
             z[0] = 0.0

@@ -304,11 +304,11 @@ class _Rivals:
         if recording is None:
             return [0.0] * len(wrong)
         drawn = not np.array_equal(p[self.shared], self.rivals[true].model.values[self.shared])
-        value = self._cost(recording, true, p, steps, every) if drawn else 0.0
+        true_cost = self._cost(recording, true, p, steps, every) if drawn else 0.0
         result = []
         for other in wrong:
             wide = np.where(self.shared, p, self.rivals[other].model.values)
-            result.append(max(self._cost(recording, other, wide, steps, every) - value, 0.0))
+            result.append(max(self._cost(recording, other, wide, steps, every) - true_cost, 0.0))
         return result
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
@@ -323,16 +323,16 @@ class _Rivals:
         for _ in range(steps + 1):
             nodes = problem.simulated_nodes(x)
             (rows,), ((own_e, own_J),) = problem.rows_of_intervals(nodes), problem.residuals(x, nodes)
-            value = inf
+            cost = inf
             if np.all(np.isfinite(own_e)) and np.all(np.isfinite(own_J)):
                 there = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
                 e = np.zeros((len(recording), len(ones), 1 + len(there)))
                 e[rows, :, 0], e[rows, :, 1:] = own_e, own_J[:, :, there]
                 both = white(e).reshape(-1, 1 + len(there))
-                value = 0.5 * float(both[:, 0] @ both[:, 0]) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
-            if isfinite(value) and value < best:
-                settled = best - value < SETTLED
-                best, at, moving, damping = value, x, there, 0.1 * damping
+                cost = 0.5 * float(both[:, 0] @ both[:, 0]) + 0.5 * float(np.sum(problem.prior_residuals(x) ** 2))
+            if isfinite(cost) and cost < best:
+                settled = best - cost < SETTLED
+                best, at, moving, damping = cost, x, there, 0.1 * damping
                 W = both[:, 1:]
                 H = W.T @ W + problem.prior_curvature[np.ix_(moving, moving)]
                 g = W.T @ both[:, 0] + problem.prior_gradient(x)[moving]
@@ -369,8 +369,8 @@ class _Rivals:
             about=p,
         )
         y = problem.simulated_nodes(problem.unknowns(p)).y
-        value = [outputs.index(name) for name in self.read]
-        if not np.all(np.isfinite(y[time >= LATE][:, value])):
+        columns = [outputs.index(name) for name in self.read]
+        if not np.all(np.isfinite(y[time >= LATE][:, columns])):
             return None
         filled = {name: y[:, outputs.index(name)] for name in self.read}
         return Recording("plan", time, {**signals, **filled})
@@ -402,9 +402,11 @@ def _rival(gap: Gap, joint: MotionModel, effect: Effect, *, typical: bool = Fals
 
 def _without(rival: Rival) -> Rival:
     """The same model without the rival's effect."""
-    value = rival.model[rival.name]
-    assert value.null is not None
-    return Rival("nothing", rival.model.with_parameters(replace(value, value=np.asarray(value.null), fixed=True)))
+    parameter = rival.model[rival.name]
+    assert parameter.null is not None
+    return Rival(
+        "nothing", rival.model.with_parameters(replace(parameter, value=np.asarray(parameter.null), fixed=True))
+    )
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:

@@ -159,13 +159,13 @@ class Information:
         loose[np.concatenate(problem.parameters.index)] = False
         linearised = zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
         for k, (rows, (_, J)) in enumerate(linearised):
-            run, value = problem.intervals[k].run, problem.layout.index[k]
+            run, unknowns = problem.intervals[k].run, problem.layout.index[k]
             index = problem.parameters.index[run][self.known.places]
-            places = np.array([np.flatnonzero(value == place)[0] for place in index])
-            by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[value])]
+            places = np.array([np.flatnonzero(unknowns == place)[0] for place in index])
+            by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[unknowns])]
             flat = by_start.reshape(-1, by_start.shape[2])
             if flat.shape[1]:  # starts of predictions are nuisances, known by noisy readings alone
-                starts = value[loose[value]]
+                starts = unknowns[loose[unknowns]]
                 inner = flat.T @ flat + problem.prior_curvature[np.ix_(starts, starts)]
                 pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
                 by = by - (flat @ pull).reshape(by.shape)
@@ -235,8 +235,8 @@ def draws(fit: Fit, known: Known, count: int, seed: int) -> Array:
     if len(there) == 0 or count < 2:
         return result
     R = C[np.ix_(there, there)] / np.outer(sd[there], sd[there])
-    value, vector = np.linalg.eigh(0.5 * (R + R.T))
-    root = vector * np.sqrt(np.maximum(value, 0.0))
+    variances, vector = np.linalg.eigh(0.5 * (R + R.T))
+    root = vector * np.sqrt(np.maximum(variances, 0.0))
     z = np.clip(rng.standard_normal((count - 1, len(there))), -FARTHEST, FARTHEST) @ root.T
     result[1:, places[there]] += np.clip(z, -FARTHEST, FARTHEST) * sd[there]
     for name, place in zip(known.names, places, strict=True):
@@ -264,7 +264,7 @@ def _inverse(matrix: Array) -> Array:
     result[np.diag_indices_from(result)] = np.inf
     if np.any(there):
         inner = matrix[np.ix_(there, there)] / np.outer(scale[there], scale[there])
-        value, vector = np.linalg.eigh(0.5 * (inner + inner.T))
-        inverse = (vector / np.maximum(value, RIDGE)) @ vector.T
+        eigenvalues, vector = np.linalg.eigh(0.5 * (inner + inner.T))
+        inverse = (vector / np.maximum(eigenvalues, RIDGE)) @ vector.T
         result[np.ix_(there, there)] = inverse / np.outer(scale[there], scale[there])
     return result

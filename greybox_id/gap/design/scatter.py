@@ -87,10 +87,10 @@ class ExpectedErrors:
 
     def _about(self, recordings: Sequence[Recording], p: Array) -> tuple[Bench, Array, Linearised]:
         """The bench, all its parameters, and the error dynamics about its simulation."""
-        bench, value = Bench(self.model, recordings, self.simulator), np.zeros(self.model.size)
-        value[: len(p)] = p
+        bench, parameters = Bench(self.model, recordings, self.simulator), np.zeros(self.model.size)
+        parameters[: len(p)] = p
         self._sizes = self._sizes or ForceSizes(bench)
-        return bench, value, linearised(bench, value, self.amplitudes.noise, self._sizes)
+        return bench, parameters, linearised(bench, parameters, self.amplitudes.noise, self._sizes)
 
     def scatter(self, recordings: Sequence[Recording], p: Array, G: Array, starts: Sequence[Index]) -> Array:
         """(recordings, q, q) covariance of each one's sum over readings of G times the errors by unknown forces.
@@ -104,11 +104,11 @@ class ExpectedErrors:
         """
         if not self.known:
             return np.zeros((len(recordings), G.shape[2], G.shape[2]))
-        bench, value, about = self._about(recordings, p)
+        bench, parameters, about = self._about(recordings, p)
         first = np.append(np.flatnonzero(about.first), len(about.first))
         begins = about.first.copy()
         if any(len(rows) > 1 for rows in starts):
-            for (plan, _), rows, a in zip(bench.trajectory(value), starts, first, strict=False):
+            for (plan, _), rows, a in zip(bench.trajectory(parameters), starts, first, strict=False):
                 begins[a + plan.row_segment[rows]] = True
         scale, fade, *_ = (item[..., 0] for item in laid(about, [self.amplitudes])[:2])
         result = []

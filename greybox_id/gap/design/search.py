@@ -265,10 +265,12 @@ class PlanSearch:
         counts = np.array([len(phases) for phases, _ in drawn])
         chosen = list[int]()
         for count in range(1, MOST_PHASES + 1):  # as many of each length, as short chains fit more easily
-            value = np.flatnonzero(counts == count)
-            inside = value[room[value] <= 0]
+            of_length = np.flatnonzero(counts == count)
+            inside = of_length[room[of_length] <= 0]
             most = self._times(TRIED // MOST_PHASES)
-            chosen += (inside if len(inside) >= most else value[np.argsort(room[value], kind="stable")])[:most].tolist()
+            chosen += (inside if len(inside) >= most else of_length[np.argsort(room[of_length], kind="stable")])[
+                :most
+            ].tolist()
         result = self._made([*(drawn[k] for k in chosen), *self._standard()])
         for _ in range(MENDED):
             wrong = [k for k, item in enumerate(result) if item.broken > 0]
@@ -312,10 +314,10 @@ class PlanSearch:
 
     def _sketched(self, phases: tuple[Phase, ...], duration: float) -> float:
         """By how much a chain would leave the arena, m, if tyres did not slip."""
-        value = chained(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
-        v = value.speed
+        drive = chained(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
+        v = drive.speed
         yaw = (
-            np.cumsum(v * value.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
+            np.cumsum(v * drive.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
         )
         x, y = np.cumsum(v * np.cos(yaw)) / SKETCH_RATE, np.cumsum(v * np.sin(yaw)) / SKETCH_RATE
         run_up = -(v[0] ** 2) / (2.0 * BACKING * self.limits.drive_max)
@@ -348,8 +350,8 @@ class PlanSearch:
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
         result: dict[int, FoundPlan] = {}
         for first in range(0, len(order), AT_ONCE):
-            value = order[first : first + AT_ONCE]
-            for k, plan in zip(value, self.course.references([plans[k] for k in value]), strict=True):
+            batch = order[first : first + AT_ONCE]
+            for k, plan in zip(batch, self.course.references([plans[k] for k in batch]), strict=True):
                 phases, duration = chains[k]
                 placement, broken = self._placed(plan)
                 result[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)

@@ -191,17 +191,17 @@ class Bench:
         order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), first[id(passages[k].plan)]))
         lengths = tuple(len(passages[k]) for k in order)
         for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
-            value = order[part]
-            segments, reads = self._laid_out([passages[k] for k in value])
+            call = order[part]
+            segments, reads = self._laid_out([passages[k] for k in call])
             keeps = np.zeros(len(reads) + 1, dtype=bool)
-            for k in value:
+            for k in call:
                 keeps[passages[k].cuts] = keeps[len(passages[k])] = True
             with np.errstate(all="ignore"):
-                z, y = kernel.simulate(z0[value], segments, P[value], reads, keeps)
+                z, y = kernel.simulate(z0[call], segments, P[call], reads, keeps)
             place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
-            for lane, k in enumerate(value):
+            for lane, k in enumerate(call):
                 each, its = passages[k], y[lane]
-                if len(value) > 1 and segments.strides[0] != 0:  # lanes are read at different segments
+                if len(call) > 1 and segments.strides[0] != 0:  # lanes are read at different segments
                     its = its[rank[: len(each)][each.plan.reads[each.segments]]]
                 result[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
         return [result[k] for k in range(len(passages))]

@@ -110,8 +110,8 @@ def _form(candidate: Candidate, usual: float) -> Form:
             ways.append((axis.low,))
             axes.append(axis)
             continue
-        value, at = _with_prior(axis)
-        axes.append(value)
+        free, at = _with_prior(axis)
+        axes.append(free)
         ways.append(at)
     seconds = tuple(axis for axis in axes if axis.low < axis.high)
     sizes = CAL.gradual_sizes if candidate.gradual else CAL.abrupt_sizes
@@ -128,10 +128,10 @@ def _with_prior(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
     if axis.unit == "rad":
         return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
     factors = SECONDS.get(axis.unit, (1.0,))
-    value = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
-    if not value.relative:
-        return replace(value, sd=value.scale), (value.null,)
+    believed = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
+    if not believed.relative:
+        return replace(believed, sd=believed.scale), (believed.null,)
     wide = max(0.5 * log(max(factors) / min(factors)), CAL.second_sd)
-    return replace(value, sd=wide, scale=0.1), tuple(
-        float(np.clip(value.mean + log(f), value.low, value.high)) for f in factors
+    return replace(believed, sd=wide, scale=0.1), tuple(
+        float(np.clip(believed.mean + log(f), believed.low, believed.high)) for f in factors
     )

@@ -94,16 +94,16 @@ def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
     )
     others = np.arange(J.shape[1]) != at
     moves = np.concatenate([~stays, others])  # all else, nuisances first
-    value = J.T @ J
+    gram = J.T @ J
     beside = search.white.T @ J
-    H = np.block([[search.gram + search.precision, beside], [beside.T, value]])[np.ix_(moves, moves)]
+    H = np.block([[search.gram + search.precision, beside], [beside.T, gram]])[np.ix_(moves, moves)]
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], value[:, at]])[moves]
+    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], gram[:, at]])[moves]
     undone = np.zeros(len(moves))
     undone[moves] = inverse @ alike
-    known = float(value[at, at] - alike @ undone[moves])
-    if not known > CAL.ridge * float(value[at, at]):
+    known = float(gram[at, at] - alike @ undone[moves])
+    if not known > CAL.ridge * float(gram[at, at]):
         return None
     itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
     slope = np.concatenate([g, J.T @ r])[moves]
@@ -162,10 +162,10 @@ def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], a
         offs = np.full(len(known), np.nan)
         ratio, relative, p = 1.0, 0.0, 1.0
         if count:
-            value, pull = H[np.ix_(known, known)], g[known]
-            offs[known] = -np.linalg.solve(value + CAL.ridge * np.diag(np.diag(value)), pull)
+            curve, pull = H[np.ix_(known, known)], g[known]
+            offs[known] = -np.linalg.solve(curve + CAL.ridge * np.diag(np.diag(curve)), pull)
         if count > 1:
-            Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(value)), 1e-300), 0.0)
+            Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(curve)), 1e-300), 0.0)
             ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
             mean = float(np.average(offs[known], weights=weight[known]))
             variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))

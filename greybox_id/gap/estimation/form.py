@@ -37,11 +37,11 @@ def curve_priors(axes: Sequence[Axis], scale: float = 1.0) -> tuple[tuple[Axis, 
         names = [f"{letter}_{axle}" for letter in "BCE"]
         if not all(name in places for name in names):
             continue
-        value = [places[name] for name in names]
-        B, C, E = (axes[k].mean for k in value)
-        stated = np.diag([axes[k].sd ** 2 for k in value])
-        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E, scale), np.array([1 / B, 1 / C, 0.0]))
-        for k in value:
+        at = [places[name] for name in names]
+        B, C, E = (axes[k].mean for k in at)
+        stated = np.diag([axes[k].sd ** 2 for k in at])
+        mix[np.ix_(at, at)] = _slope_and_shape(stated + _of_curve(B, C, E, scale), np.array([1 / B, 1 / C, 0.0]))
+        for k in at:
             result[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
             off = float(np.hypot(axes[peak].sd, scale * CAL.peak_off * axes[peak].mean))

@@ -91,18 +91,18 @@ def freed_tolerances(
     examined = excerpt(recordings)
     prepared = prepare_plain(model, examined, effects, vehicle)
     bench = prepared.bench(examined)
-    value = nuisances(prepared.everything, effects, shifting(prepared.everything))
+    tolerances = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} diverges on {recordings[0].name}: check the numbers of the vehicle.")
     noise, known = stated_noise(bench, vehicle, start)
     sd = noise if known or sd is None else sd
     good = without_spikes(start, without_stale_rows(bench), bench.rows)
-    search = Search(bench, value, white_noise(sd, good, bench.rows), CAL.trusts[0])
+    search = Search(bench, tolerances, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
     starts = [search.at_means(), *(map(search.at_values, start_values) if search.moving else ())]
     result, most = starts[0], 1.0
-    for step in CAL.trusts if value else CAL.trusts[-1:]:
+    for step in CAL.trusts if tolerances else CAL.trusts[-1:]:
         search.trusting(min(step, most))
         tried = list[Hypothesis]()
         for begin in starts:

@@ -67,11 +67,11 @@ class Amplitudes:
     @staticmethod
     def of(logarithms: Array) -> Amplitudes:
         """Amplitudes from their logarithms."""
-        value = np.exp(logarithms)
-        n = (len(value) - 7) // 2
-        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in value[:6])
-        noise, colour = value[6 : 6 + n], value[6 + n : -1]
-        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(value[-1]))
+        values = np.exp(logarithms)
+        n = (len(values) - 7) // 2
+        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in values[:6])
+        noise, colour = values[6 : 6 + n], values[6 + n : -1]
+        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(values[-1]))
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,9 @@ def amplitude_prior(
     medians, sds = list[float](), list[float]()
     for name, (middle, sd) in usual.items():
         for force in ("F_y", "F_x"):
-            value = getattr(stated.get(force), name, None)
-            medians.append(middle if value is None else value)
-            sds.append(sd if value is None else CAL.form_sd_stated)
+            known = getattr(stated.get(force), name, None)
+            medians.append(middle if known is None else known)
+            sds.append(sd if known is None else CAL.form_sd_stated)
     all_sds = np.concatenate([
         sds, [CAL.noise_sd if noise_stated else CAL.noise_sd_estimated] * n, [CAL.colour_sd] * n, [CAL.memory_sd],
     ])  # fmt: skip
@@ -194,7 +194,7 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
     nz = simulator.trace.size
     Y = Y[:, 0]
     A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
-    value = _states_that_matter(A, B, C)
+    kept = _states_that_matter(A, B, C)
     counted, first, row, channel, place = bench.counted, [], [], [], []
     offset = 0
     for (plan, _), rows in zip(trajectory, bench.rows, strict=True):
@@ -215,12 +215,12 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
         sd = noise[model.outputs.index(state.name)] if read_by else CAL.unknown_start * state.scale
         start[k] = 0.0 if k in bench.loose else sd**2
     force = sizes(z, segments, along)
-    parts = (A[:, value][:, :, value], B[:, value], C[:, :, value], D, segments[:, 0], force)
+    parts = (A[:, kept][:, :, kept], B[:, kept], C[:, :, kept], D, segments[:, 0], force)
     A, B, C, D, length, force = (np.ascontiguousarray(np.nan_to_num(each)) for each in parts)
     return Linearised(
         A=A, B=B, C=C, D=D, length=length, force=force,
         axis=np.array([0 if FORCES[f][1] == "y" else 1 for f in sizes.forces]),
-        mass=float(p[names.index("m")]), start=start[value], first=begins,
+        mass=float(p[names.index("m")]), start=start[kept], first=begins,
         pointer=np.searchsorted(places[order], np.arange(offset + 1)),
         row=np.concatenate(row)[order], channel=np.concatenate(channel)[order],
     )  # fmt: skip
@@ -273,12 +273,12 @@ class ModelError:
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
-        value, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
+        about, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
         one = np.zeros((n * channels, more))
         innovations(
-            value.A, value.B, value.C, value.D, *self._laid, value.first, value.pointer, value.channel,
-            _coloured(value, self.amplitudes), np.ascontiguousarray(values).reshape(one.shape), self.gain, self.size,
-            value.row * channels + value.channel, one,
+            about.A, about.B, about.C, about.D, *self._laid, about.first, about.pointer, about.channel,
+            _coloured(about, self.amplitudes), np.ascontiguousarray(values).reshape(one.shape), self.gain, self.size,
+            about.row * channels + about.channel, one,
         )  # fmt: skip
         return one.reshape(values.shape)
 

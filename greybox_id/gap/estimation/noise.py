@@ -188,11 +188,11 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
     stated = vehicle.noise if vehicle is not None else {}
     result, known = [], True
     for c, channel in enumerate(bench.channels):
-        value = bench.counted[:, c]
-        if not np.any(value):
+        counted = bench.counted[:, c]
+        if not np.any(counted):
             result.append(1.0)
             continue
-        e = residuals[value, c]
+        e = residuals[counted, c]
         spread = robust_sd(e - np.median(e))
         held = bench.learnt or spread > CAL.too_large * stated.get(channel, 0.0)
         if channel in stated and held:
@@ -200,7 +200,7 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
             continue
         known = known and channel in stated
         fast = white_noise_sd([bench.measured[rows, c] for rows in bench.rows])
-        least = max(1e-9 * float(np.max(np.abs(bench.measured[value, c]))), 1e-12)
+        least = max(1e-9 * float(np.max(np.abs(bench.measured[counted, c]))), 1e-12)
         result.append(1.0 if np.isnan(fast) else max(fast, least))
     return np.array(result), known
 

@@ -60,10 +60,10 @@ def with_seen(recording: Recording, state: str) -> Recording:
     reading = recording[state]
     filled = np.array(reading)
     for start, stop in recording.runs:
-        value = slice(start, stop)
-        there = np.isfinite(reading[value])
+        rows = slice(start, stop)
+        there = np.isfinite(reading[rows])
         if np.any(there):
-            filled[value] = np.interp(recording.time[value], recording.time[value][there], reading[value][there])
+            filled[rows] = np.interp(recording.time[rows], recording.time[rows][there], reading[rows][there])
     return recording.with_signals(**{SEEN.format(state): filled})
 
 

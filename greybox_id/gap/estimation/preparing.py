@@ -195,8 +195,8 @@ def _with_zones(
     Where a vehicle's file states tolerances of its equations, effects that it says nothing about may be present a
     little all the same: by `CAL.indifference` of their usual size, and for timing by a fraction of a row.
     """
-    value = [parameter for parameter in model.parameters if not parameter.fixed and parameter.prior is not None]
-    if vehicle is None or isinstance(model, MemoryModel) or not value:
+    believed = [parameter for parameter in model.parameters if not parameter.fixed and parameter.prior is not None]
+    if vehicle is None or isinstance(model, MemoryModel) or not believed:
         return model
     scale = CAL.indifference
     size = {unit: scale * by for unit, by in _sizes(model).items()}

@@ -109,9 +109,9 @@ class JointProblem:
         self, bench: FreeRuns, tolerances: Sequence[Axis], causes: Sequence[PossibleCause], good: Mask
     ) -> None:
         self.bench, self.causes, self.good = bench, tuple(causes), good
-        value = {each.main.index for each in causes}
-        self._stated = [axis for axis in tolerances if axis.index not in value and not axis.abrupt]
-        self.shifts = tuple(axis for axis in tolerances if axis.index not in value and axis.abrupt)
+        indices = {each.main.index for each in causes}
+        self._stated = [axis for axis in tolerances if axis.index not in indices and not axis.abrupt]
+        self.shifts = tuple(axis for axis in tolerances if axis.index not in indices and axis.abrupt)
         self.nominal = np.array(bench.model.values)
         self.usual = np.array([each.usual for each in self.causes])
         self.zone = np.maximum([each.zone for each in self.causes], LEAST_ZONE * self.usual)

@@ -237,10 +237,10 @@ class _Refit:
         sane = bool(np.all(np.isfinite(slopes)))
         fresh = None
         if self._differentiates and sane:
-            value = white[:, 1:].copy()
-            gram = value.T @ value  # overflows where the vehicle spins
+            columns = white[:, 1:].copy()
+            gram = columns.T @ columns  # overflows where the vehicle spins
             if np.all(np.isfinite(gram)):
-                fresh = _Slopes(self.at[0], slopes.copy(), value, gram, cross[:, 1:].copy())
+                fresh = _Slopes(self.at[0], slopes.copy(), columns, gram, cross[:, 1:].copy())
         if self._renews:
             self._renews = False
             if fresh is None or self.best is None:  # the vehicle spins beside this point: no step leads on

@@ -252,8 +252,8 @@ class Search:
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
         """Linear nuisances with those that are candidates now at their null: they move as candidates instead."""
-        value = self.among({axis.index for axis in axes})[len(self.moving) :]
-        return np.where(value, self.null_linear, linear)
+        candidates = self.among({axis.index for axis in axes})[len(self.moving) :]
+        return np.where(candidates, self.null_linear, linear)
 
     def tolerated(self, hypothesis: Hypothesis) -> bool:
         """Whether one of its candidates is within its stated tolerance: it is no gap then."""
@@ -313,19 +313,19 @@ class Search:
         W = W - self.white @ undone  # the part that nuisances cannot cancel
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
-        value = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
-        value -= np.mean(value, axis=0)
-        seen = known @ (value.T @ value) @ known
+        gradients = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
+        gradients -= np.mean(gradients, axis=0)
+        seen = known @ (gradients.T @ gradients) @ known
         result: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(known), 1e-300), 1.0))
         return result
 
     def _informed(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Whitened derivatives by the coordinates, nuisances' steps that cancel them, the coordinates' covariance."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
-        value = ~self.among({axis.index for axis in hypothesis.axes})
+        others = ~self.among({axis.index for axis in hypothesis.axes})
         cross = (plain.T @ self.white).T
         undone = np.zeros(cross.shape)
-        undone[value] = inverse((self.gram + self.precision)[np.ix_(value, value)]) @ cross[value]
+        undone[others] = inverse((self.gram + self.precision)[np.ix_(others, others)]) @ cross[others]
         S = plain.T @ plain - cross.T @ undone
         scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
         covariance = np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)

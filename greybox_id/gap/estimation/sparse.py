@@ -60,10 +60,10 @@ class Quadratic:
         within : (K,) and (K,) how far coordinates may go from where they are; None: to their bounds.
         damping : (K,) precisions that hold coordinates where they are.
         """
-        value, prec = self.about, self.precision(variance)
-        low, high = within or (value.low - value.at, value.high - value.at)
-        slope, H = self.g + prec * (value.at - value.mean), self.G + np.diag(prec + damping)
-        return np.asarray(value.at + least_within(H, slope, low, high, np.ones(len(H), dtype=bool)))
+        about, prec = self.about, self.precision(variance)
+        low, high = within or (about.low - about.at, about.high - about.at)
+        slope, H = self.g + prec * (about.at - about.mean), self.G + np.diag(prec + damping)
+        return np.asarray(about.at + least_within(H, slope, low, high, np.ones(len(H), dtype=bool)))
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
         """(causes,) prior variances of magnitudes of most evidence, from the zone to three times the usual size.
@@ -180,9 +180,9 @@ class Sets:
         y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
         x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
         magnitudes = self.mean - by * x
-        value = self.main & included[self.cause]
-        size = 1e-6 * np.sqrt(self.slab[self.cause[value]])
-        if np.any(magnitudes[value] < self.low[value] - size) or np.any(magnitudes[value] > self.high[value] + size):
+        mains = self.main & included[self.cause]
+        size = 1e-6 * np.sqrt(self.slab[self.cause[mains]])
+        if np.any(magnitudes[mains] < self.low[mains] - size) or np.any(magnitudes[mains] > self.high[mains] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
         if not fit <= self.left:  # only rounding is left where the vehicle spins

@@ -92,8 +92,8 @@ def _middles(values: Array, parts: Sequence[slice]) -> Array:
     """Means over blocks; NaN for a block without readings, empty where there are no values."""
     if not len(values):
         return values
-    value = [values[part][np.isfinite(values[part])] for part in parts]
-    return np.array([float(np.mean(one)) if len(one) else np.nan for one in value])
+    read = [values[part][np.isfinite(values[part])] for part in parts]
+    return np.array([float(np.mean(one)) if len(one) else np.nan for one in read])
 
 
 def _recorded(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:

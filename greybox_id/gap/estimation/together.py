@@ -65,8 +65,8 @@ class JointStage:
     @property
     def evidence(self) -> float:
         """Log marginal likelihood with priors of model error and causes; -inf where simulations diverge."""
-        value = self.error_evidence + self.cause_evidence
-        return value if np.isfinite(value) else -np.inf
+        total = self.error_evidence + self.cause_evidence
+        return total if np.isfinite(total) else -np.inf
 
 
 class JointWhitening:
@@ -235,8 +235,8 @@ class JointSearch:
         """Unknown forces over their usual size, at least one."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
-        value, usual = stage.whitener.amplitudes, self.whitening.prior.median
-        return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
+        shown, usual = stage.whitener.amplitudes, self.whitening.prior.median
+        return max(1.0, shown.share_y / usual.share_y, shown.share_x / usual.share_x)
 
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array, gains: Array) -> tuple[JointStage, Array]:
         """Drop the causes that gain less than they must, and add those that gain enough beside the rest.

@@ -55,11 +55,11 @@ def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
     if np.count_nonzero(read) < CAL.fewest_channels or bench.learnt:
         return result
     for rows in bench.rows:
-        value = bench.measured[rows][:, read]
-        same = np.all((value[1:] == value[:-1]) | ~np.isfinite(value[1:]), axis=1) & np.any(
-            np.isfinite(value[1:]), axis=1
+        readings = bench.measured[rows][:, read]
+        same = np.all((readings[1:] == readings[:-1]) | ~np.isfinite(readings[1:]), axis=1) & np.any(
+            np.isfinite(readings[1:]), axis=1
         )
-        moving = np.any(value[1:] != 0, axis=1)
+        moving = np.any(readings[1:] != 0, axis=1)
         result[rows.start + 1 : rows.stop] = same & moving
     return result
 
@@ -140,8 +140,8 @@ def jitter(
 
     def losses(v: float) -> Array:
         """(N,) negative log-likelihoods of rows."""
-        value = scale(v)
-        result: Array = 0.5 * (np.log1p(v * h) + count * np.log(value) + squares(v, brief) / value)
+        noise = scale(v)
+        result: Array = 0.5 * (np.log1p(v * h) + count * np.log(noise) + squares(v, brief) / noise)
         return result
 
     def loss(log_variance: float) -> float:
@@ -186,10 +186,10 @@ def _gain_of_separate_jitters(a: Array, z: Array, use: NDArray[np.bool_], v: flo
     """
     apart = 0.0
     for c in range(a.shape[1]):
-        value = use[:, c] & (a[:, c] != 0)
-        if np.count_nonzero(value) < CAL.fewest_jumps:
+        known = use[:, c] & (a[:, c] != 0)
+        if np.count_nonzero(known) < CAL.fewest_jumps:
             continue
-        h, squares = a[value, c] ** 2, z[value, c] ** 2
+        h, squares = a[known, c] ** 2, z[known, c] ** 2
 
         def loss(log_variance: float, h: Array = h, squares: Array = squares) -> float:
             spread = 1 + np.exp(log_variance) * h
@@ -231,8 +231,8 @@ def order_gain(jumps: Array, z: Array) -> float:
     jumps : (N, channels) by which readings before and after differ, over their noise.
     z : (N, channels) residuals less the mean of their neighbours, over the noise; its size is refitted in both.
     """
-    value = np.any(jumps != 0, axis=1)
-    j, z = jumps[value], z[value]
+    jumping = np.any(jumps != 0, axis=1)
+    j, z = jumps[jumping], z[jumping]
     count = np.count_nonzero(j)
     if count < CAL.fewest_jumps:
         return 0.0
