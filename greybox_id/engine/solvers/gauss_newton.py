@@ -57,7 +57,8 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     for _ in range(3 * len(g) + 10):
         movable = np.flatnonzero(free & ~at_low & ~at_high)
         by = unit[movable]
-        inner = (H if len(movable) == len(g) else H[movable[:, None], movable]) * by
+        inner = H.copy() if len(movable) == len(g) else H[movable[:, None], movable]
+        inner *= by
         inner *= by[:, None]
         inner.ravel("K")[:: len(by) + 1] += added[movable] * by**2  # its diagonal
         move = by * solved(inner, -by * slope[movable], overwrite=True) if len(movable) else by
