@@ -123,8 +123,9 @@ def _blocks(lanes: int) -> Iterator[tuple[NDArray[np.intp], int]]:
         yield start + np.minimum(np.arange(size), count - 1), count
 
 
-SIDE_BY_SIDE = 1024
-"""Samples per pass through the operations: intermediate values stay in the processor's cache."""
+SIDE_BY_SIDE = 4096
+"""Samples per pass through the operations: intermediate values stay in the processor's cache, numpy's calls are few.
+With 2400 samples, gradients of the MS-NN networks take a quarter less than with 1024 per pass."""
 BLOCK = 128
 """Samples per evaluation of a mapped function. One map serves runs of every length: making one takes CasADi
 milliseconds, as long as evaluating a run."""
