@@ -20,9 +20,10 @@ track with the published tyres errs by 10 to 20 % of yaw rate and lateral accele
 the stated stiffness of the tyres is uncertain by a fifth, and something unnamed is always at work.
 
 putnam: an Indy car on a road course (deep-dynamics), from masses and lengths alone, with tyres guessed. v_y follows the
-yaw rate as it does ahead of the centre of gravity (2.1 r, where 1.25 r is due at the rear axle), and the yaw rate
-follows the steering 0.2 to 0.3 s later: an arm of the speed sensor and a steering that acts late, by whichever of its
-names, are to be applied. The last fifth is held out.
+yaw rate as it does ahead of the centre of gravity (2.1 r, where 1.25 r is due at the rear axle), and the yaw rate is
+read 0.24 to 0.32 s late: 6 or 7 rows after the recorded heading turns and 7 or 8 after the recorded path does, which
+both turn with the steering, within a row. An arm of the speed sensor and a latency of the yaw rate are to be applied
+(of a gyro or of a whole unit, which cannot be told apart without accelerations). The last fifth is held out.
 
 abs: other people's simulated car, braked on a dry road and on ice, where brakes lock: `--since`, with what the motor
 gives and the brake pedal as one throttle channel, `brake_gain` between them. Grip is to be named, a quarter of what it
@@ -63,8 +64,8 @@ from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 
 CASES = ("truck", "roboracer", "commonroad", "putnam", "abs")
-LATE = ("steering_delay", "steering_lag", "steering_bandwidth", "steering_rate_limit")
-"""Names of a steering that acts late."""
+LATE = ("sensor_latency_yaw", "sensor_latency_imu")
+"""Names of a yaw rate that is read late."""
 BRAKED = """
 name = "braked car"
 [parameters]
@@ -253,7 +254,7 @@ def putnam(data: Path, place: Path) -> dict[str, Any]:
     options = ("--vehicle", str(stated), "--model", "lateral", "--columns", str(linear), "--held-out", str(files[1]))
     row = gap("putnam", place, files[:1], *options)
     applied = set(row.get("applied", {}))
-    return row | {"true": ["velocity_lever_arm", "late steering"],
+    return row | {"true": ["velocity_lever_arm", "late yaw rate"],
                   "both": "velocity_lever_arm" in applied and bool(applied & {*LATE})}  # fmt: skip
 
 

@@ -29,7 +29,7 @@ from .estimation.model_error import AmplitudePrior, Amplitudes, ForceSizes, esti
 from .estimation.model_error import amplitude_prior as believed_amplitudes
 from .estimation.noise import Whitener, colour, stated_noise, white_noise, without_spikes
 from .estimation.observer import PULLED
-from .estimation.preparing import Prepared, excerpt, prepare
+from .estimation.preparing import Prepared, excerpt, prepare, with_direction
 from .estimation.problem import JointProblem
 from .estimation.search import Search
 from .estimation.together import JointSearch, JointWhitening
@@ -162,6 +162,7 @@ def examine(
             f"of {CAL.least_seconds:g} s at least; half a minute is usual."
         )
     examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
+    vehicle, effects = with_direction(vehicle, effects, model, recordings)
     prepared = prepare(model, examined, effects, vehicle)
     tell(
         f"simulating {model.name} with {len(prepared.effects)} candidate effects on the recording"

@@ -152,7 +152,7 @@ def select(
         listed = refit(search, starts)  # for the list only: the joint search has decided that none gains enough
         tried += [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in listed]
     alone = {frozenset(item.names): item for item in reversed(tried) if item.names}
-    result = sorted(alone.values(), key=by_cost)
+    result = sorted(reversed(alone.values()), key=by_cost)  # of those that cost the same the best explanation
     if result:
         result = [*with_slopes(search, result[:1]), *result[1:]]
     return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)))
@@ -231,7 +231,7 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with other causes in the place of each effect, as far as they may explain as much."""
     problem, sets, state = together.problem, stage.sets, stage.state
-    here, starts, offs = sets.cost(stage.included), list[Start](), list[float]()
+    here, starts, offs, low, high = sets.cost(stage.included), list[Start](), list[float](), problem.low, problem.high
     for k in np.flatnonzero(stage.included):
         tried = list[tuple[float, int, Mask]]()
         for new in np.flatnonzero(~stage.included):
@@ -246,7 +246,9 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
             form = problem.causes[other].forms[state.form[other]]
             candidate = _as_refitted(form.candidate)
             seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
-            size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
+            alike = problem.causes[k].name in best.names and (min(k, other), max(k, other)) in together.late_alike
+            there = best.m[best.main(problem.causes[k].name)[1]] if alike else sets.sizes(swap)[0][other]
+            size = float(np.clip(there, low[other], high[other]))
             offs.append(max(off, 0.0))
             starts.append(
                 Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
@@ -254,6 +256,8 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
     refits = {item.names: item for item in refit(search, starts)}
     result = [(refits[names], off) for start, off in zip(starts, offs, strict=True)
               if (names := tuple(each.effect for each in start.candidates)) in refits]  # fmt: skip
+    result = [(replace(item, cost=best.cost) if abs(item.cost - best.cost) < CAL.settled else item, off)
+              for item, off in result]  # fmt: skip
     return [min(item, replace(item, cost=best.cost + off), key=by_cost) for item, off in result]
 
 

@@ -660,3 +660,20 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
     assert judging.refused(found, best.names, None) == {own.effect: "its probability is 0.45, not more than one half"}
+
+
+@pytest.mark.slow
+def test_a_gyro_that_is_very_late_beside_a_sensor_of_v_y_that_is_elsewhere_and_turned():
+    """Without accelerations, latencies of a gyro and of a whole unit are one; a turned sensor is a tolerance."""
+    lacks = {"velocity_lever_arm": 1.0, "velocity_mount_yaw": -0.006, "sensor_latency_yaw": 0.28}
+    laps = [without(lateral_lap(lacks, seconds, seed), "a_y") for seconds, seed in ((40.0, 3), (20.0, 53))]
+    gap = diagnosed(laps[0], TOLERANT, "lateral", held_out=laps[1:])
+    late = ("sensor_latency_yaw", "sensor_latency_imu")
+    assert len(gap.applied) == 2
+    assert "velocity_lever_arm" in gap.applied
+    assert set(gap.applied) & {*late}
+    assert any(set(each.members) == {*late} and each.probability > 0.9 for each in gap.classes)
+    sizes = {each.effect: each.magnitude for each in gap.ranking}
+    assert [sizes[name] for name in late] == pytest.approx([0.28, 0.28], abs=0.01)
+    assert sizes["velocity_lever_arm"] == pytest.approx(1.0, abs=0.1)
+    assert gap.held_out.closed > 0.95

@@ -11,6 +11,7 @@ from ...base.errors import BadInput
 from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed, FreeRuns
 from ...models.effect import AnyModel, Effect
+from ...models.effects.sensors import velocity_lever_arm, velocity_mount_yaw
 from ...models.memory_model import MemoryModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
@@ -62,6 +63,24 @@ class Prepared:
             if SEEN.format(state) in self.everything.inputs:
                 result = [with_seen(recording, state) for recording in result]
         return result
+
+
+def with_direction(
+    vehicle: Vehicle | None, effects: Mapping[str, Effect], model: Diagnosed, recordings: Sequence[Recording]
+) -> tuple[Vehicle | None, Mapping[str, Effect]]:
+    """What is stated, with a tolerance of the direction in which v_y is read, and the effects with that one.
+
+    No sensor is mounted along the car any better than this. At speed its v_y is then off by several times its noise,
+    which else is an offset that a bank or a gyro's bias must explain. A file that states the direction, or every
+    number as exact, is left as it is.
+    """
+    direction, arm = velocity_mount_yaw, velocity_lever_arm
+    if vehicle is None or direction.name in vehicle.effects or all(it.sd is None for it in vehicle.values.values()):
+        return vehicle, effects
+    if arm.name not in effects or not any("v_y" in one for one in recordings) or not direction.concerns(model):
+        return vehicle, effects
+    stated = Stated(sd=CAL.direction, source="as sensors are mounted")
+    return replace(vehicle, effects={**vehicle.effects, direction.name: stated}), {**effects, direction.name: direction}
 
 
 def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:

@@ -110,6 +110,16 @@ class JointWhitening:
         return model_error(about, at_least(result, self.prior.median) if least else result, self.problem.good)
 
 
+def late_alike(problem: JointProblem) -> list[tuple[int, int]]:
+    """Pairs of causes that delay the same readings, of those that are there: they are one, and could share its size."""
+    read = {name for name, there in zip(problem.bench.channels, np.any(problem.good, axis=0), strict=True) if there}
+    delayed = {
+        k: frozenset(reads) for k, cause in enumerate(problem.causes)
+        if cause.main.shift and (reads := cause.forms[0].candidate.reads & read)
+    }  # fmt: skip
+    return [(a, b) for a in delayed for b in delayed if a < b and delayed[a] == delayed[b]]
+
+
 def scaled(value: Amplitudes, by: float) -> Amplitudes:
     """Model error `by` times as large."""
     return replace(value, share_y=value.share_y * by, share_x=value.share_x * by, floor_y=value.floor_y * by,
@@ -138,6 +148,8 @@ class JointSearch:
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
             if other in cause.forms[0].candidate.never_beside
         ]  # fmt: skip
+        self.late_alike = late_alike(problem)
+        self.never += self.late_alike
         self.odds = np.full(len(names), CAL.against)
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)

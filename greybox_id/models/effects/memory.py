@@ -12,7 +12,7 @@ from ..model import Namespace, Symbol
 from ..parameter import Parameter, Prior
 
 LATENCY_PER_RUN = Parameter(
-    "sensor_latency_imu", "s", 0.0, (0.0, 0.2), Prior(0.03, mean=0.04), scope="run",
+    "sensor_latency_imu", "s", 0.0, (0.0, 0.5), Prior(0.03, mean=0.04), scope="run",
     about="delay of the time stamps of yaw rate and accelerations after those of commands, per run",
 )  # fmt: skip
 

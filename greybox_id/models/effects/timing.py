@@ -8,7 +8,7 @@ from .stating import effect
 
 GROUP = "timing"
 
-LATEST = (0.0, 0.2)
+LATEST = (0.0, 0.5)
 """Bounds of a latency, s."""
 
 

@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driven import without
 from gap_cases import CAR, NUMBERS, lap, nominal
 
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.estimation.axes import nuisances, shifting
-from greybox_id.gap.estimation.preparing import excerpt, prepare, thinned
-from greybox_id.models.effects import EFFECTS
+from greybox_id.gap.estimation.preparing import excerpt, prepare, thinned, with_direction
+from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import ChosenModel, Vehicle
 
@@ -75,3 +76,26 @@ def test_what_is_believed_of_an_effect_of_the_model_is_a_tolerance():
     free = {axis.name: axis for axis in nuisances(found, EFFECTS, shifting(found))}
     assert (free["steering_delay"].mean, free["steering_delay"].sd) == (0.03, 0.004)
     assert "motor_lag" not in free
+
+
+def test_the_direction_of_a_sensor_of_v_y_has_a_tolerance_where_numbers_have():
+    tolerant, recordings = Vehicle("car", {**NUMBERS, "m": Stated(NUMBERS["m"].value, 4.0)}), [lap(seconds=4.0)]
+    stated, effects = with_direction(tolerant, vocabulary(), nominal(), recordings)
+    assert stated.effects["velocity_mount_yaw"].sd == 0.005
+    assert set(effects) == {*vocabulary(), "velocity_mount_yaw"}
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "effects", "read"),
+    [
+        (None, vocabulary(), True),
+        (CAR, vocabulary(), True),
+        (Vehicle("car", {"m": Stated(1.0, 0.1)}, {"velocity_mount_yaw": Stated(sd=0.02)}), vocabulary(), True),
+        (Vehicle("car", {"m": Stated(1.0, 0.1)}), {"steering_lag": EFFECTS["steering_lag"]}, True),
+        (Vehicle("car", {"m": Stated(1.0, 0.1)}), vocabulary(), False),
+    ],
+    ids=["no file", "exact", "stated", "other effects are asked for", "v_y is not read"],
+)
+def test_else_it_is_as_it_was(vehicle, effects, read):
+    one = lap(seconds=4.0) if read else without(lap(seconds=4.0), "v_y")
+    assert with_direction(vehicle, effects, nominal(), [one]) == (vehicle, effects)

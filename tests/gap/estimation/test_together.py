@@ -335,3 +335,21 @@ def test_a_second_walk_is_for_tolerances_that_are_further_off_than_stated(tolera
     _, disputed = walked(search)
     assert strides == list(CAL.strides[:walks])
     assert not np.any(disputed)
+
+
+def test_latencies_of_the_same_readings_are_never_there_together():
+    """They are one, and would share its size; of other readings they may be two."""
+    bench = linear_bench(smooth_columns(3), np.zeros(3), SD)
+
+    def latency(k, *reads):
+        gradual = cause(k, gradual=False, shift=True)
+        return replace(gradual, forms=(replace(gradual.forms[0], candidate=replace(gradual.forms[0].candidate, reads=frozenset(reads))),))
+
+    def alike(*of_each):
+        return together(bench, [latency(k, *map(bench.channels.__getitem__, of)) for k, of in enumerate(of_each)])
+
+    assert alike([0], [1]).late_alike == []
+    assert alike([0], [0, 1]).late_alike == []
+    assert alike([0, 1], [0], [0, 1]).never == [(0, 2)]
+    bench.measured[:, 1], bench.counted[:, 1] = np.nan, False  # nobody reads what else one of them delays
+    assert alike([0], [0, 1]).late_alike == [(0, 1)]
