@@ -151,8 +151,11 @@ def select(
         ]
         listed = refit(search, starts)  # for the list only: the joint search has decided that none gains enough
         tried += [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in listed]
-    alone = {frozenset(item.names): item for item in reversed(tried) if item.names}
-    result = sorted(reversed(alone.values()), key=by_cost)  # of those that cost the same the best explanation
+    alone = dict[frozenset[str], Hypothesis]()
+    for item in tried:  # the best explanation stands before those that cost the same
+        if item.names:
+            alone.setdefault(frozenset(item.names), item)
+    result = sorted(alone.values(), key=by_cost)
     if result:
         result = [*with_slopes(search, result[:1]), *result[1:]]
     return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)))
@@ -231,7 +234,7 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with other causes in the place of each effect, as far as they may explain as much."""
     problem, sets, state = together.problem, stage.sets, stage.state
-    here, starts, offs, low, high = sets.cost(stage.included), list[Start](), list[float](), problem.low, problem.high
+    here, starts, offs, renamed = sets.cost(stage.included), list[Start](), list[float](), list[Hypothesis]()
     for k in np.flatnonzero(stage.included):
         tried = list[tuple[float, int, Mask]]()
         for new in np.flatnonzero(~stage.included):
@@ -246,9 +249,11 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
             form = problem.causes[other].forms[state.form[other]]
             candidate = _as_refitted(form.candidate)
             seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
-            alike = problem.causes[k].name in best.names and (min(k, other), max(k, other)) in together.late_alike
-            there = best.m[best.main(problem.causes[k].name)[1]] if alike else sets.sizes(swap)[0][other]
-            size = float(np.clip(there, low[other], high[other]))
+            if (min(k, other), max(k, other)) in together.late_alike:  # the same under another name
+                places = (candidate if each.effect == problem.causes[k].name else each for each in best.candidates)
+                renamed.append(replace(best, candidates=tuple(places)))
+                continue
+            size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
             offs.append(max(off, 0.0))
             starts.append(
                 Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
@@ -256,9 +261,7 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
     refits = {item.names: item for item in refit(search, starts)}
     result = [(refits[names], off) for start, off in zip(starts, offs, strict=True)
               if (names := tuple(each.effect for each in start.candidates)) in refits]  # fmt: skip
-    result = [(replace(item, cost=best.cost) if abs(item.cost - best.cost) < CAL.settled else item, off)
-              for item, off in result]  # fmt: skip
-    return [min(item, replace(item, cost=best.cost + off), key=by_cost) for item, off in result]
+    return [*renamed, *(min(item, replace(item, cost=best.cost + off), key=by_cost) for item, off in result)]
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:

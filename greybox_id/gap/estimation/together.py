@@ -111,7 +111,7 @@ class JointWhitening:
 
 
 def late_alike(problem: JointProblem) -> list[tuple[int, int]]:
-    """Pairs of causes that delay the same readings, of those that are there: they are one, and could share its size."""
+    """Pairs of causes that delay the same readings, of those that are there: they are one."""
     read = {name for name, there in zip(problem.bench.channels, np.any(problem.good, axis=0), strict=True) if there}
     delayed = {
         k: frozenset(reads) for k, cause in enumerate(problem.causes)

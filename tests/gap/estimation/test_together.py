@@ -342,8 +342,9 @@ def test_latencies_of_the_same_readings_are_never_there_together():
     bench = linear_bench(smooth_columns(3), np.zeros(3), SD)
 
     def latency(k, *reads):
-        gradual = cause(k, gradual=False, shift=True)
-        return replace(gradual, forms=(replace(gradual.forms[0], candidate=replace(gradual.forms[0].candidate, reads=frozenset(reads))),))
+        plain = cause(k, gradual=False, shift=True)
+        late = replace(plain.forms[0].candidate, reads=frozenset(reads))
+        return replace(plain, forms=(replace(plain.forms[0], candidate=late),))
 
     def alike(*of_each):
         return together(bench, [latency(k, *map(bench.channels.__getitem__, of)) for k, of in enumerate(of_each)])
