@@ -49,7 +49,7 @@ def track(
         "Parameters or forces that are tracked as random walks: C_alpha_f,C_alpha_r or F_yf,F_yr.", "NAMES"
     ),
     disturbances: Sequence[str] = option(
-        "Parameters or effects that are tracked and return to zero, such as road_bank,S_h_f.", "NAMES"
+        "Parameters or effects that are tracked and return to their values in the model: road_bank,S_h_f.", "NAMES"
     ),
     readings: str = option("Measured signals that the filter uses.", "NAMES", default="v_x,yaw_rate,a_y"),
     coloured: str = option(

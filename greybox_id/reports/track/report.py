@@ -123,7 +123,7 @@ def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
         ("vehicle", made.vehicle or "none named"),
         ("filter", f"{method(digest)} on {digest.model}"),
         ("random walk", listed(walks) or "nothing"),
-        ("returns to zero", listed(digest.disturbances) or "nothing"),
+        ("returns to the value in the model", listed(digest.disturbances) or "nothing"),
         ("effects added", listed([*digest.effects]) or "none"),
     )
     return recorded_in([digest.data], {"track": "tracked"}), pairs
