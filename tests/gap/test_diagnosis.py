@@ -265,11 +265,11 @@ def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_p
         shared.append(set(best.names))
         return plain(examined, best, *others)
 
-    def unsure(examined, ways, level):
+    def insignificant(examined, ways, level):
         return {"yaw_rate_bias": "its size may be none"} if level < 0.5 else {}
 
     monkeypatch.setattr(diagnosis, "shared_out", shared_out)
-    monkeypatch.setattr(diagnosis, "unsure", unsure)
+    monkeypatch.setattr(diagnosis, "insignificant", insignificant)
     gap = diagnosed(lap(lacks, 20.0))
     assert gap.applied == ("steering_delay",)
     assert shared == [set(lacks), {"steering_delay"}]
