@@ -164,16 +164,16 @@ def _fitted(
     """
     if not isinstance(begin, MotionModel):
         return []
-    believed = with_priors(begin, examined.effects, examined.vehicle)
-    believed = believed.with_parameters(
-        *(believed[parameter.name].with_value(parameter.array) for parameter in begin.parameters)
+    with_prior = with_priors(begin, examined.effects, examined.vehicle)
+    with_prior = with_prior.with_parameters(
+        *(with_prior[parameter.name].with_value(parameter.array) for parameter in begin.parameters)
     )
-    freed = [replace(believed[axis.name], fixed=False) for axis in best.axes if axis.low < axis.high]
-    ways = [item for item in (believed, *([believed.with_parameters(*freed)] if freed else []))
+    freed = [replace(with_prior[axis.name], fixed=False) for axis in best.axes if axis.low < axis.high]
+    ways = [item for item in (with_prior, *([with_prior.with_parameters(*freed)] if freed else []))
             if not all(parameter.fixed for parameter in item.parameters)]  # fmt: skip
     if not ways:
         return []
-    simulator = Simulator(believed)
+    simulator = Simulator(with_prior)
     simulator.kernel.prepare()
     ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(examined, best)))
     for way in ways:

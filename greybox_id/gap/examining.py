@@ -25,8 +25,15 @@ from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, unsteadiness, varies
 from .estimation.free_runs import at_their_best, inliers, misfit
 from .estimation.hypothesis import Hypothesis, by_cost
-from .estimation.model_error import AmplitudePrior, Amplitudes, ForceSizes, estimated, linearised, model_error
-from .estimation.model_error import amplitude_prior as believed_amplitudes
+from .estimation.model_error import (
+    AmplitudePrior,
+    Amplitudes,
+    ForceSizes,
+    amplitude_prior,
+    estimated,
+    linearised,
+    model_error,
+)
 from .estimation.noise import Whitener, colour, stated_noise, white_noise, without_spikes
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare, with_direction
@@ -184,7 +191,7 @@ def examine(
     tempered = inexact and not forces
     search = Search(bench, tolerated, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     stated_error = vehicle.model_error if vehicle is not None else {}
-    prior = believed_amplitudes(sd, noise_is_stated, not inexact, stated_error)
+    prior = amplitude_prior(sd, noise_is_stated, not inexact, stated_error)
     whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, possible)
     # zones of indifference are no part of the joint problem: its causes have spikes instead
@@ -213,7 +220,7 @@ def examine(
     if not noise_is_stated:  # the residuals of the best explanation are the best estimate of noise
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    expected = believed_amplitudes(sd, noise_is_stated, not inexact, stated_error)
+    expected = amplitude_prior(sd, noise_is_stated, not inexact, stated_error)
     amplitudes = _amplitudes(bench, search, best, sd, good, expected)
     left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
     jump = jumps_by_commands(bench, search.vector(best), effects)

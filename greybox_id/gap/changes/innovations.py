@@ -28,7 +28,7 @@ from ...filters.filtering import LaidRun, filtering, laid
 from ...filters.kernel import SigmaPoints
 from ...filters.state_space import SLOWEST, StateSpace, Tracked
 from ...filters.tuning import beginning, noise_coordinates, resolution_of, scatter_of, start_levels, tuned
-from ...models.effects.timing import LATEST
+from ...models.effects.memory import LATEST
 from ...models.motion_model import MotionModel
 from ..estimation.calibration import CAL
 from ..estimation.preparing import excerpt

@@ -113,8 +113,8 @@ class Information:
         if not self.read:
             raise BadInput("The fit holds no noise levels. Fit again with this version.")
         self.noise = np.array([counted.get(name, 1.0) for name in self.model.outputs])
-        believed_nothing = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
-        blank = self.model.with_parameters(*believed_nothing)
+        without_priors = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
+        blank = self.model.with_parameters(*without_priors)
         self.rough = Rough(blank, target)
         self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
         self.simulator.kernel.prepare()

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import TypeVar
 
+from ...models.effects.memory import LATEST
+
 T = TypeVar("T")
 
 DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (8 nulls, 13 others)"
@@ -55,7 +57,7 @@ class Calibration:
     # ---- priors of parameters in addition to a file's
     indifference: float = _known(0.05, "zone about a null over the usual size: a tenth hid true effects", DRAWN)
     timing: float = _known(0.15, "of a row: zone of delays and lags; commands and readings are no nearer to stamps")
-    direction: float = _known(0.005, "sd of the direction of a sensor of v_y, rad: 0.3 degrees, as it is screwed on")
+    direction: float = _known(0.005, "sd of the direction of a sensor of v_y, rad: 0.3 degrees, as of imu_mount_yaw")
     of_wheelbase: float = _known(0.15, "usual size of lengths over the wheelbase: 0.4 m of 2.7 m")
     of_weight: float = _known(0.007, "usual size of forces over the weight: 100 N of 1 450 kg")
     of_drag: float = _known(0.5, "usual size of a change of drag over c_2: 0.2 of 0.45 N s^2/m^2")
@@ -166,7 +168,7 @@ class Calibration:
     # ---- readings and blocks
     residual_block: float = _known(2.0, "s over which residuals may be correlated: four median correlation times")
     lags: tuple[float, ...] = _known((0.0, 0.12, 0.4), "s from driving signals to errors: command, lag, motion")
-    settling: float = _known(0.5, "s at the beginning of a run that do not count: the latest that sensors may be")
+    settling: float = _known(LATEST[1], "s at the beginning of a run that do not count: the largest latency", DEFINED)
     least_seconds: float = _known(1.0, "s of recordings: more than twice the longest lag of those looked at")
     draws: int = _known(400, "of the bootstrap: ends of 95 % intervals scatter by a twentieth of the interval")
     around: int = _known(5, "rows about a reading whose median it is compared with")

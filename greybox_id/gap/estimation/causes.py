@@ -128,10 +128,10 @@ def _with_prior(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
     if axis.unit == "rad":
         return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
     factors = SECONDS.get(axis.unit, (1.0,))
-    believed = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
-    if not believed.relative:
-        return replace(believed, sd=believed.scale), (believed.null,)
+    with_prior = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
+    if not with_prior.relative:
+        return replace(with_prior, sd=with_prior.scale), (with_prior.null,)
     wide = max(0.5 * log(max(factors) / min(factors)), CAL.second_sd)
-    return replace(believed, sd=wide, scale=0.1), tuple(
-        float(np.clip(believed.mean + log(f), believed.low, believed.high)) for f in factors
+    return replace(with_prior, sd=wide, scale=0.1), tuple(
+        float(np.clip(with_prior.mean + log(f), with_prior.low, with_prior.high)) for f in factors
     )

@@ -123,9 +123,9 @@ def _starts_about(search: Search, begin: Hypothesis) -> list[Start]:
 
     Where the vehicle nearly spins, their estimates may not suit derivatives that are taken anew.
     """
-    believed = Start((), begin.m, begin.theta, search.means[len(begin.theta) :])
-    same = np.array_equal(begin.linear, believed.linear)
-    return [search.start_of(begin), *([] if same else [believed])]
+    at_means = Start((), begin.m, begin.theta, search.means[len(begin.theta) :])
+    same = np.array_equal(begin.linear, at_means.linear)
+    return [search.start_of(begin), *([] if same else [at_means])]
 
 
 def _independent_share(e: Array, good: Mask) -> float:

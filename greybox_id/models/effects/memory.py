@@ -11,8 +11,11 @@ from ..memory_model import MemoryModel, SampledActuator, SampledSensor
 from ..model import Namespace, Symbol
 from ..parameter import Parameter, Prior
 
+LATEST = (0.0, 0.5)
+"""Bounds of a latency, s."""
+
 LATENCY_PER_RUN = Parameter(
-    "sensor_latency_imu", "s", 0.0, (0.0, 0.5), Prior(0.03, mean=0.04), scope="run",
+    "sensor_latency_imu", "s", 0.0, LATEST, Prior(0.03, mean=0.04), scope="run",
     about="delay of the time stamps of yaw rate and accelerations after those of commands, per run",
 )  # fmt: skip
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from ..motion_model import MotionModel
-from .memory import LATENCY_PER_RUN, delay_imu
+from .memory import LATENCY_PER_RUN, LATEST, delay_imu
 from .stating import effect
 
 GROUP = "timing"
-
-LATEST = (0.0, 0.5)
-"""Bounds of a latency, s."""
 
 
 def _late_speed(model: MotionModel) -> MotionModel:

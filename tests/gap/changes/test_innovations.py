@@ -9,7 +9,7 @@ from greybox_id.engine.motion.schedule import AT_ONCE
 from greybox_id.gap.changes.innovations import FilterInnovations, FollowedRun, Follower, noise_of, plain_noise
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.effects.timing import LATEST
+from greybox_id.models.effects.memory import LATEST
 
 READ = ("v_x", "yaw_rate")
 ROWS = 10
