@@ -143,16 +143,15 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
             problem, solution, stage = fit_alone(
                 _with(part, values), training, validate, how, say, alone=not model.parts
             )
+            values |= _by_name(problem, solution)
+            stages.append(stage)
+            interrupted = solution.status is Status.INTERRUPTED
+            if any(p.name in model.step_2_holds for p in part.parameters):
+                sd |= _standard_deviations(problem, solution)
         except KeyboardInterrupt:
             if not stages:
                 raise  # nothing to keep yet
             interrupted = True
-            break
-        values |= _by_name(problem, solution)
-        if any(p.name in model.step_2_holds for p in part.parameters):
-            sd |= _standard_deviations(problem, solution)
-        stages.append(stage)
-        interrupted = solution.status is Status.INTERRUPTED
         if interrupted:
             break
     if model.parts:
@@ -161,17 +160,27 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
         whole = _with(model, values).with_constants(model.step_2_holds)  # their columns of zeros would take time
         noise_sd = np.array([noise.get(name, 1.0) for name in model.outputs])
         training = recordings if timing is None else timing.together(whole)
-        problem = Problem(Trace(whole), training, closed_loop=True, noise=noise_sd, strengths=strengths)
-        solution, stage = fit_together(problem, strengths, validate, how, say, interrupted)
+
+        def together(interrupted: bool) -> tuple[Problem, Solution, Stage]:
+            problem = Problem(Trace(whole), training, closed_loop=True, noise=noise_sd, strengths=strengths)
+            return problem, *fit_together(problem, strengths, validate, how, say, interrupted)
+
+        try:
+            problem, solution, stage = together(interrupted)
+        except KeyboardInterrupt:  # while the problem was set up
+            problem, solution, stage = together(True)
         stages.append(stage)
         values |= _by_name(problem, solution)
     fitted = _with(model, values)
-    if stages[-1].status in NO_OPTIMUM:
-        standard_deviations = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
-    else:
+    standard_deviations = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
+    if stages[-1].status not in NO_OPTIMUM:
         say(f"{model.name}: computing the uncertainty of {fitted.size} parameters")
-        standard_deviations = {name: sd.get(name, np.zeros(fitted[name].shape)) for name in model.step_2_holds}
-        standard_deviations |= _standard_deviations(problem, solution)
+        try:
+            last = _standard_deviations(problem, solution)
+            standard_deviations = {name: sd.get(name, np.zeros(fitted[name].shape)) for name in model.step_2_holds}
+            standard_deviations |= last
+        except KeyboardInterrupt:
+            stages[-1] = replace(stages[-1], status=Status.INTERRUPTED.value)
     return Fit(
         model=fitted,
         sd=standard_deviations,

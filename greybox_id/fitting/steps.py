@@ -20,7 +20,7 @@ from ..models.memory_model import MemoryModel
 from .attempt import certified
 from .crossvalidation import choose_strengths
 from .how import FitOptions, Say, quiet
-from .provenance import Stage
+from .provenance import Certificate, Stage
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5
@@ -81,9 +81,7 @@ def fit_alone(
     best = min(solutions, key=lambda solution: solution.objective)
     if done.interrupted:
         best = replace(best, status=Status.INTERRUPTED)
-    certificate = None
-    if alone and _certifiable(how, best):
-        best, certificate = certified(problem, best, say)
+    best, certificate = _checked(problem, best, how, say) if alone else (best, None)
     stage = Stage(
         model=part.name, closed_loop=False, status=best.status.value, converged=best.status is Status.CONVERGED,
         steps=best.steps, history=best.history, starts=tuple(sorted(s.objective for s in solutions)),
@@ -113,9 +111,7 @@ def fit_together(
         solution = Solution(problem.start, nodes, Status.INTERRUPTED, 0, objective, np.nan, (objective,))
     else:
         solution = _solve(problem, problem.start, validate, how, say, f"{model.name}, closed loop")
-    certificate = None
-    if _certifiable(how, solution):
-        solution, certificate = certified(problem, solution, say)
+    solution, certificate = _checked(problem, solution, how, say)
     return solution, Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
@@ -168,9 +164,14 @@ class _Watch:
         return self._validation.misfit(shared, self._validation.simulated_nodes(shared))
 
 
-def _certifiable(how: FitOptions, solution: Solution) -> bool:
-    """Whether Ipopt certifies the solution: not after early stopping, which by intent ends off the optimum."""
-    return how.solver == "auto" and how.strengths != "early stopping" and solution.status is not Status.INTERRUPTED
+def _checked(problem: Problem, solution: Solution, how: FitOptions, say: Say) -> tuple[Solution, Certificate | None]:
+    """The solution certified by Ipopt; as it is after early stopping, which by intent ends off the optimum."""
+    if how.solver != "auto" or how.strengths == "early stopping" or solution.status is Status.INTERRUPTED:
+        return solution, None
+    try:
+        return certified(problem, solution, say)
+    except KeyboardInterrupt:
+        return replace(solution, status=Status.INTERRUPTED), None
 
 
 def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array, Problem]:

@@ -25,7 +25,7 @@ from ..engine.motion.traced import traced_once
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 from .attempt import refitted
-from .fit import NOT_USABLE, USABLE, Fit, Reason, Verdict, with_reason
+from .fit import NOT_USABLE, USABLE, WITH_CARE, Fit, Reason, Verdict, with_reason
 from .holding import IN_MOTION, WORDS, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
 from .pretraining import Pretraining
@@ -44,6 +44,9 @@ from .scores.verdict import (
     used_signals,
 )  # fmt: skip
 from .training import TrainedBefore
+
+UNCOMPARED = Reason(WITH_CARE, "Interrupted before the fit was compared with other fits to the same data.")
+"""Reason against a fit whose judgement was interrupted."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ def judgement(
     recordings: Mapping[str, Recording],
     findings: Mapping[str, Sequence[Finding]],
     data: Sequence[DataRecord] | None = None,
+    compared: bool = True,
 ) -> Judgement:
     """Score a fit, and judge it.
 
@@ -102,6 +106,7 @@ def judgement(
     fit : the fit.
     recordings : by role or name; "train" is the training data, all others were held out.
     findings, data : as in `judged`.
+    compared : whether other fits to the same data, and to held-out data, may contradict it.
     """
     recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
     both = {name: score_with_persistence(fit.model, recording) for name, recording in recordings.items()}
@@ -113,10 +118,10 @@ def judgement(
         judged(fit, scores_by_role, persistence=persistence, unfitted=before, findings=findings, data=data),
         list[Reason](),
     )
-    if verdict.usability == USABLE:
+    if compared and verdict.usability == USABLE:
         for name, recording in unseen.items():
             against += carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
-    if verdict.usability != NOT_USABLE and TRAINED in recordings:
+    if compared and verdict.usability != NOT_USABLE and TRAINED in recordings:
         against += refuted(fit.model, fit, recordings[TRAINED])
     if against:
         verdict = judged(
@@ -185,7 +190,7 @@ def fit(
 
     Returns
     -------
-    Fit. Ctrl-C keeps the best point so far and is recorded in the stage's status.
+    Fit. Ctrl-C keeps the best point so far and is recorded in the stage's status; after the last stage, in the verdict.
 
     Raises
     ------
@@ -204,14 +209,24 @@ def fit(
         extra: dict[str, Any] = {"sensors": sensor_sd} if sensor_sd else {}
         extra |= {"stood": stood} if stood else {}
         result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **extra})
-        by_role = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
-        judged = judgement(result, by_role, _findings(result, recordings, validate))
-        metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
-        question = reason(result, holding) if holding else None
-        verdict = with_reason(with_reason(judged.verdict, question), _without_last(result, task, judged.scores))
-        result = replace(result, metrics=metrics, verdict=conditional(result, verdict))
-        seconds = calibrated_seconds(how.calibrate)
-        return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
+        try:
+            return _judged(result, task, holding)
+        except KeyboardInterrupt:
+            say(f"{result.model.name}: interrupted while it was judged; computing its errors")
+            return _judged(result, task, holding, UNCOMPARED)
+
+
+def _judged(result: Fit, task: FitTask, holding: Holding | None, uncompared: Reason | None = None) -> Fit:
+    """The fit with its errors on the task's recordings and a verdict, without refits if a reason for that is given."""
+    recordings, validate = task.recordings, task.validate
+    by_role = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
+    scores = judgement(result, by_role, _findings(result, recordings, validate), compared=uncompared is None)
+    metrics = {role: as_dict(of_role) for role, of_role in scores.scores.items()}
+    verdict = with_reason(scores.verdict, reason(result, holding) if holding else None)
+    verdict = with_reason(verdict, uncompared or _without_last(result, task, scores.scores))
+    result = replace(result, metrics=metrics, verdict=conditional(result, verdict))
+    seconds = calibrated_seconds(task.how.calibrate)
+    return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
 
 
 def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:

@@ -1,5 +1,6 @@
 """The verb `fit`: from recordings to a Fit, whatever they are like."""
 
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -88,6 +89,42 @@ def test_ctrl_c_keeps_the_best_point_and_says_so():
     assert found.stages[0].steps == 2
     assert found.stages[0].history[-1] < found.stages[0].history[0]
     assert not np.array_equal(found.model["F"].array, tiny("msnn_full")["F"].array)
+
+
+@pytest.mark.parametrize(
+    ("where", "what", "status"),
+    [
+        ("greybox_id.fitting.memory", "Trace", Status.INTERRUPTED),
+        ("greybox_id.fitting.steps", "certified", Status.INTERRUPTED),
+        ("greybox_id.fitting.memory", "uncertainty", Status.INTERRUPTED),
+        ("greybox_id.fitting.verb", "judgement", Status.CONVERGED),
+    ],
+)
+def test_ctrl_c_after_the_first_part_keeps_the_fit(where, what, status, monkeypatch):
+    once, module = [], importlib.import_module(where)
+    before = getattr(module, what)
+
+    def interrupted(*args, **kwargs):
+        if not once and ready:
+            once.append(what)
+            raise KeyboardInterrupt
+        return before(*args, **kwargs)
+
+    ready = []
+    monkeypatch.setattr(module, what, interrupted)
+
+    def say(line, passing=False):
+        if line.startswith("msnn_long"):
+            ready.append(line)
+
+    result = fit(tiny("msnn_full"), [drive()], how=FitOptions(1.0), say=say)
+    assert once == [what]
+    assert result.stages[-1].model == "msnn_full"
+    assert result.stages[-1].status == status.value
+    assert result.verdict is not None
+    assert result.verdict.usability in ("usable with care", "not usable")
+    assert ("Interrupted" in " ".join(result.verdict.reasons)) == (what == "judgement")
+    assert set(result.metrics) == {"train"}
 
 
 def test_ctrl_c_during_cross_validation_ends_the_search_and_says_so():
