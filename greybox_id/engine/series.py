@@ -9,110 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
-import casadi as cs
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
+from scipy.linalg import lapack
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array, Index, Mask
 from ..datasets.recording import Recording
+from .free_run import free_run
 from .trace import Columns, Trace, tidy
-from .virtual import call
-
-
-def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
-    """Predictions from row `memory` on, fed back into the windows.
-
-    Parameters
-    ----------
-    u : (n, inputs) inputs of the equations; the fed-back ones hold measurements before row `memory` and are ignored
-        from there on.
-    measured : (n, outputs) recorded outputs; row memory - 1 starts the loop.
-    p : (parameters,).
-
-    Returns
-    -------
-    (n - memory, outputs) predictions.
-    """
-    first = trace.memory
-    past = trace.stage(u[: first - 1], p) if first > 1 else np.empty((0, trace.stage.outputs))
-    state = np.concatenate([past.ravel(), measured[first - 1]])
-    samples, outputs = len(u) - first, measured.shape[1]
-    inputs, parameters = np.nan_to_num(u[first - 1 : -1]), np.tile(p, (LOOP, 1))
-    result = np.empty((samples, outputs))
-    for start in range(0, samples, LOOP):
-        rows = inputs[start : start + LOOP]
-        filled = np.concatenate([rows, np.repeat(rows[-1:], LOOP - len(rows), axis=0)])
-        states = call(_accumulated(trace), state, filled, parameters).reshape(LOOP, len(state))
-        result[start : start + LOOP] = states[: len(rows), -outputs:]
-        state = states[-1]
-    return result
-
-
-LOOP = 64
-"""Steps of the loop per CasADi call: making a function of a run's whole length takes a tenth of a second, ten times as
-long as evaluating it."""
-
-
-@lru_cache(maxsize=64)
-def _accumulated(trace: Trace) -> cs.Function:
-    """`LOOP` steps of the loop; the state: past stage signals of the windows, oldest first, and the last outputs."""
-    signals, outputs = trace.stage.outputs, len(trace.model.outputs)
-    past = cs.SX.sym("past", signals, trace.memory - 1)
-    y = cs.SX.sym("y", outputs)
-    u = cs.SX.sym("u", len(trace.model.inputs))
-    p = cs.SX.sym("p", trace.model.size)
-    seen = cs.SX(u)
-    for position, name in enumerate(trace.fed_back):
-        seen[trace.model.inputs.index(name)] = trace.feedback.function(y, u)[position]
-    z = cs.horzcat(past, trace.stage.function(seen, p))
-    weights = cs.reshape(trace.weights.function(p), trace.memory, len(trace.tap_signal)).T
-    h = cs.vertcat(*[cs.dot(weights[t, :], z[int(s), :]) for t, s in enumerate(trace.tap_signal)])
-    following = cs.vertcat(cs.vec(z[:, 1:]), trace.head.function(h, seen, p))
-    step = cs.Function("step", [cs.vertcat(cs.vec(past), y), u, p], [following])
-    return step.mapaccum("free_run", LOOP)
-
-
-_BLOCK = 40
-"""Rows per matrix product in `weighted_windows`: wide enough for BLAS, narrow enough to waste little on the band."""
-
-
-def windows(values: Array, length: int) -> Array:
-    """Every window of `length` rows, as a view: (n, ...) -> (n - length + 1, ..., length), oldest first."""
-    step = values.strides[0]
-    shape = (len(values) - length + 1, *values.shape[1:], length)
-    return as_strided(values, shape, (step, *values.strides[1:], step), writeable=False)
-
-
-def weighted_windows(values: Array, weights: Array) -> Array:
-    """Inner products of weights with every window of the rows: (n, c), (L,) -> (n - L + 1, c).
-
-    A block of results is a banded Toeplitz matrix times the rows it needs; as matrix products this runs an
-    order of magnitude faster than summing shifted copies.
-    """
-    rows, length = len(values) - len(weights) + 1, len(weights)
-    result = np.empty((rows, values.shape[1]))
-    values = np.ascontiguousarray(values)
-    blocks = rows // _BLOCK
-    if blocks:
-        row, column = values.strides
-        shape = (blocks, _BLOCK + length - 1, values.shape[1])
-        overlapping = as_strided(values, shape, (row * _BLOCK, row, column), writeable=False)
-        np.matmul(_band(weights, _BLOCK), overlapping, out=result[: blocks * _BLOCK].reshape(blocks, _BLOCK, -1))
-    left = rows - blocks * _BLOCK
-    if left:
-        result[blocks * _BLOCK :] = _band(weights, left) @ values[blocks * _BLOCK :]
-    return result
-
-
-def _band(weights: Array, rows: int) -> Array:
-    band = np.zeros((rows, rows + len(weights) - 1))
-    for row in range(rows):
-        band[row, row : row + len(weights)] = weights
-    return band
-
+from .windows import weighted_windows, windows
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """Largest relative difference between the sample times of a recording and of the model."""
@@ -210,15 +116,28 @@ class Run:
         _, h = self._windows(u, p)
         return self.trace.head(h, self._newest(u), p)
 
-    def simulate(self, p: Array) -> Array:
-        """Closed loop from the first window on: nodes (n, outputs), measured before `first`, predicted from there."""
-        if not self._fed:
-            return self._joined(self.predict(p))
-        u, _ = self.inputs(p, self.measured)
-        return self._joined(free_run(self.trace, u, self.measured, p))
+    def simulate(self, p: Array, runs: Sequence[slice] = (slice(0, None),)) -> Array:
+        """Closed loop from the first window of each run on: nodes (n, outputs), measured before, predicted from there.
 
-    def linearise(self, p: Array, nodes: Array | None = None) -> Linearisation:
-        """Predictions and derivatives, with the recorded inputs or around nodes."""
+        Parameters
+        ----------
+        p : (parameters,).
+        runs : rows of each run, if several are concatenated here.
+        """
+        if not self._fed:
+            return np.vstack([self.measured[: self.first], self.predict(p)])
+        u, _ = self.inputs(p, self.measured)
+        return free_run(self.trace, u, self.measured, p, [slice(*run.indices(len(self))[:2]) for run in runs])
+
+    def linearise(self, p: Array, nodes: Array | None = None, weight: Array | None = None) -> Linearisation:
+        """Predictions and derivatives, with the recorded inputs or around nodes.
+
+        Parameters
+        ----------
+        p : (parameters,).
+        nodes : (n, outputs).
+        weight : (rows, outputs) factors on the derivatives by the parameters.
+        """
         trace = self.trace
         u, u_by_p = self.inputs(p, nodes)
         z, h = self._windows(u, p)
@@ -226,31 +145,29 @@ class Run:
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         direct, outputs = trace.head_by_p, len(trace.model.outputs)
         y, y_by_h, y_by_p = self._head_by_p(h, newest, p)
-        by_p = _zeros(len(h), outputs, len(p), by_rows=nodes is not None)
-        z_by_p = self._stage_by_p(u, p)
-        z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
-        filled = np.zeros((outputs, len(p)), dtype=bool)
-        for tap, signal in enumerate(trace.tap_signal):
-            outputs_of_tap = [(o, y_by_h[:, k, None]) for k, o in trace.tap_outputs[tap]]
-            for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
-                for output, y_by_tap in outputs_of_tap:
-                    if isinstance(columns, slice) and not np.any(filled[output, columns]):
-                        np.multiply(y_by_tap, h_by_p, out=by_p[:, output, columns])
-                    else:
-                        by_p[:, output, columns] += y_by_tap * h_by_p
-                    filled[output, columns] = True
-        if len(direct.row):
-            by_p[:, direct.row, direct.column] += y_by_p
         with_inputs = u_by_p is not None or nodes is not None
         y_by_u = trace.head_by_u.nonzeros(h, newest, p) if with_inputs else np.empty((len(h), 0))
+        weighted = [y_by_h, y_by_p, y_by_u]
+        if weight is not None:
+            of_outputs = (trace.head_by_h.row, direct.row, trace.head_by_u.row)
+            weighted = [of * weight[:, rows] if of.size else of for of, rows in zip(weighted, of_outputs, strict=True)]
+        by_p = _Sum(len(h), outputs, len(p), by_rows=nodes is not None)
+        z_by_p = self._stage_by_p(u, p)
+        z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
+        for tap, signal in enumerate(trace.tap_signal):
+            for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
+                for k, output in trace.tap_outputs[tap]:
+                    by_p.add(output, columns, weighted[0][:, k, None], h_by_p)
+        for k, (output, column) in enumerate(zip(direct.row, direct.column, strict=True)):
+            by_p.add(output, slice(column, column + 1), weighted[1][:, k, None], 1.0)
         if u_by_p is not None:
             newest_by_p = u_by_p[trace.memory - 1 : -1]
             for k, (output, signal) in enumerate(zip(trace.head_by_u.row, trace.head_by_u.column, strict=True)):
-                by_p[:, output] += y_by_u[:, k, None] * newest_by_p[:, signal]
+                by_p.add(output, slice(0, len(p)), weighted[2][:, k, None], newest_by_p[:, signal])
         by_nodes = None
         if nodes is not None and z_by_u is not None:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
-        return Linearisation(y, by_p, by_nodes)
+        return Linearisation(y, by_p.total(), by_nodes)
 
     def adjoint_product(self, p: Array, weighed: Callable[[Array], Array], nodes: Array | None = None) -> Array | None:
         """Derivative of the weighted sum of the predictions by the parameters, (parameters,).
@@ -405,40 +322,68 @@ class Run:
         result = np.zeros((rows, outputs, trace.memory, outputs))
         for position, column in enumerate(self._fed):
             u_by_y = fed_by_y[:usable, position]
+            through_windows = np.zeros((outputs, rows, trace.memory))
             for tap, signal in enumerate(trace.tap_signal):
                 for k in np.flatnonzero((trace.stage_by_u.row == signal) & (trace.stage_by_u.column == column)):
-                    z_by_y = windows(z_by_u[:usable, k, None] * u_by_y, trace.memory)
-                    h_by_y = z_by_y.transpose(0, 2, 1) * weights[tap][:, None]
-                    for m in np.flatnonzero(trace.head_by_h.column == tap):
-                        result[:, trace.head_by_h.row[m]] += y_by_h[:, m, None, None] * h_by_y
+                    h_by_u = windows(z_by_u[:usable, k], trace.memory) * weights[tap]
+                    for m, output in trace.tap_outputs[tap]:
+                        through_windows[output] += y_by_h[:, m, None] * h_by_u
             for k in np.flatnonzero(trace.head_by_u.column == column):
-                result[:, trace.head_by_u.row[k], -1] += y_by_u[:, k, None] * u_by_y[trace.memory - 1 :]
+                through_windows[trace.head_by_u.row[k], :, -1] += y_by_u[:, k]
+            for by in np.flatnonzero(np.any(u_by_y, axis=0)):
+                result[..., by] += (through_windows * windows(u_by_y[:, by], trace.memory)).transpose(1, 0, 2)
         return result
 
-    def _joined(self, predictions: Array) -> Array:
-        return np.vstack([self.measured[: self.first], predictions])
 
-
-def _zeros(rows: int, outputs: int, parameters: int, by_rows: bool) -> Array:
-    """(rows, outputs, parameters) zeros, stored row by row or parameter by parameter.
+class _Sum:
+    """A sum of derivatives by parameters, (rows, outputs, parameters), stored row by row or parameter by parameter.
 
     A window's derivative by its weights consists of its signal's samples, shifted by a row each: long copies if stored
     parameter by parameter, a dozen numbers at a time if row by row. Fed-back derivatives are propagated row by row.
     """
-    if by_rows:
-        return np.zeros((rows, outputs, parameters))
-    return np.zeros((parameters, rows, outputs)).transpose(1, 2, 0)
+
+    def __init__(self, rows: int, outputs: int, parameters: int, by_rows: bool) -> None:
+        by_parameters = np.empty((0 if by_rows else parameters, rows, outputs)).transpose(1, 2, 0)
+        self._sum = np.empty((rows, outputs, parameters)) if by_rows else by_parameters
+        self._filled = np.zeros((outputs, parameters), dtype=bool)
+
+    def add(self, output: int, columns: Columns, outer: Array, inner: Array | float) -> None:
+        """Add a product to an output's derivatives by some parameters."""
+        filled = self._filled[output, columns]
+        if not np.any(filled) and isinstance(columns, slice):
+            np.multiply(outer, inner, out=self._sum[:, output, columns])
+        else:
+            if not np.all(filled):
+                self._zero(output, columns)
+            self._sum[:, output, columns] += outer * inner
+        self._filled[output, columns] = True
+
+    def _zero(self, output: int, columns: Columns) -> None:
+        fresh = np.zeros(self._filled.shape[1], dtype=bool)
+        fresh[columns] = True
+        self._sum[:, output, fresh & ~self._filled[output]] = 0.0
+
+    def total(self) -> Array:
+        """The sum; zero where nothing was added."""
+        for output, filled in enumerate(self._filled):
+            self._sum[:, output, ~filled] = 0.0
+        return self._sum
 
 
 def _fed_back(weights: Array, by_nodes: Array) -> Array:
-    """Weights of predictions, plus their effect through each prediction on later ones, from last row to first."""
+    """Weights of predictions, plus their effect through each prediction on later ones.
+
+    Later predictions follow from earlier ones: what solves for the sum is a triangular matrix with a narrow band.
+    """
     rows, outputs, memory, _ = by_nodes.shape
-    total = np.concatenate((np.zeros(memory * outputs), weights.ravel()))
-    flat = np.ascontiguousarray(by_nodes).reshape(rows, outputs, -1)
-    for k in range(rows - 1, -1, -1):
-        here = (memory + k) * outputs
-        total[k * outputs : here] += total[here : here + outputs] @ flat[k]
-    return np.asarray(total[memory * outputs :].reshape(rows, outputs))
+    band = np.zeros((rows, outputs, (memory + 1) * outputs))  # below the diagonal, by columns
+    for back in range(1, min(memory, rows - 1) + 1):
+        for output in range(outputs):
+            for by in range(outputs):
+                below = band[: rows - back, by, back * outputs + output - by]
+                np.negative(by_nodes[back:, output, memory - back, by], out=below)
+    total, _ = lapack.dtbtrs(band.reshape(rows * outputs, -1).T, weights.ravel(), uplo="L", trans="T", diag="U")
+    return np.asarray(total.reshape(rows, outputs))
 
 
 def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list[Run]:

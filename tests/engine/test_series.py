@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from toys import TINY, drive, joined, linear_toy, scattered, speed_toy, tiny, without
 
 from greybox_id.base.errors import BadInput
-from greybox_id.engine.series import runs, weighted_windows, windows
+from greybox_id.engine.series import runs
 from greybox_id.engine.trace import Trace
+from greybox_id.engine.windows import weighted_windows, windows
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 from greybox_id.models.parameter import Parameter, placed
 

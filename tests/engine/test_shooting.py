@@ -101,6 +101,32 @@ def test_the_gradient_of_the_normal_equations_is_that_of_the_objective(case):
         assert (up - down) / 2e-6 == pytest.approx(g @ direction, abs=1e-4 * scale)
 
 
+@pytest.mark.parametrize("braking", [slice(20, 25), slice(20, 25, 3), slice(60, 150)])
+def test_derivatives_that_are_zero_in_most_rows_are_left_out_of_products(braking):
+    model, recording = scattered(tiny("msnn_long")), drive(150)
+    current = np.abs(recording["motor_current"]) + 0.1
+    current[braking] *= -1.0
+    problem = problem_of(model, drive(150).with_signals(motor_current=current))
+    for x in (problem.start, 1.1 * problem.start):
+        equations = problem.normal_equations(x, [])
+        ((residuals, J),) = problem.residuals(x, [])
+        J, prior = J.reshape(-1, len(x)), problem.R.toarray()
+        np.testing.assert_allclose(equations.H, J.T @ J + prior.T @ prior, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(
+            equations.g, J.T @ residuals.ravel() + prior.T @ problem.prior_residuals(x), rtol=1e-9
+        )
+
+
+def test_another_recording_of_the_signal_s_zeros_is_noticed():
+    problem = problem_of(tiny("msnn_long"), drive(150))
+    J, other = np.ones((60, 9)), np.ones((60, 9))
+    J[5:, 2:7], other[10:, 2:7] = 0.0, 0.0
+    for matrix in (J, other):
+        rare = problem._rare_of(0, matrix)
+        assert rare.columns == slice(2, 7)
+        assert not np.any(matrix[rare.beside, rare.columns])
+
+
 def test_parameters_as_numbers_leave_residuals_and_the_other_derivatives_as_they_are():
     model = scattered(late(limited(full)), 2, share=0.2)
     names = [*(p.name for p in full.parts[1].parameters), "steering_rate_limit", "sensor_latency_imu"]
