@@ -22,7 +22,7 @@ from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from ..estimation.axes import scalars, shifting
 from ..estimation.bench import Bench
-from ..estimation.model_error import Amplitudes, ForceSizes, Linearised, laid, linearised, model_error
+from ..estimation.model_error import Amplitudes, ForceSizes, Linearised, linearised, model_error, unknown_forces
 from ..estimation.unknown_forces import knows_unknown_forces, with_unknown_forces
 
 
@@ -110,7 +110,8 @@ class ExpectedErrors:
         if any(len(rows) > 1 for rows in starts):
             for (plan, _), rows, a in zip(bench.trajectory(parameters), starts, first, strict=False):
                 begins[a + plan.row_segment[rows]] = True
-        scale, fade, *_ = (item[..., 0] for item in laid(about, [self.amplitudes])[:2])
+        forces = unknown_forces(about, [self.amplitudes])
+        scale, fade = forces.sd[..., 0], forces.correlation[..., 0]
         result = []
         for a, b in zip(first[:-1], first[1:], strict=True):
             c, d = about.pointer[a], about.pointer[b]

@@ -1,230 +1,220 @@
 """The Kalman filter of model error, compiled: likelihoods of several amplitudes, and innovations by given gains.
 
-States are errors about a simulation (A, B, C, D per segment, `model_error.Linearised`), unknown forces that decay, and
-slow errors of readings. Readings are taken one by one; lanes, which lie innermost, differ in amplitudes alone.
+The state x = (z, w) holds errors z of the simulation's states, and Gauss-Markov processes w: slow errors of readings,
+then unknown forces. Over a segment, z becomes F x, and w decays. A residual is h x plus white noise, where h is its
+channel's row of H. Residuals are taken one by one (Anderson & Moore, Optimal Filtering, 1979, 6.4). Lanes, which lie
+innermost, differ in amplitudes alone.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...base.machine_code import begun
+from ...base.machine_code import begun, compiled
+from ...base.shorthands import Array
+
+Index = NDArray[np.intp]
 
 
 @begun
-def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
-    A, B, C, D, scale, fade, slow, white, colour, start, first, pointer, channel, coloured, r, gain, size
-):
-    """(L,) negative log-likelihood of residuals under each lane's amplitudes; gains of the first lane if requested."""
-    S, nz, _ = A.shape
-    nd, nc, L = B.shape[2], colour.shape[0], white.shape[1]
-    n = nz + nd + nc
-    P, d, M = np.zeros((n, n, L)), np.zeros((n, L)), np.zeros((nz, n, L))
-    h, g, t, f = np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L)), np.zeros((n, L))
-    s, nu, nll, over = np.zeros(L), np.zeros(L), np.zeros(L), np.zeros(L)
-    keep, flat = size.shape[0] > 0, n * L
-    F, N = np.zeros((nd, n, L)), np.zeros((nz + nd, nz, L))
-    rows, sums, products = P.reshape(n, flat), g.reshape(flat), M.reshape(nz, flat)  # long loops take less time
-    pushed, turned = F.reshape(nd, flat), N.reshape(nz + nd, nz * L)
+def likelihood(  # pragma: no cover
+    F: Array, H: Array, sd: Array, fade: Array, colour: Array, slow: Array, white: Array, start: Array,
+    first: NDArray[np.bool_], pointer: Index, channel: Index, r: Array, gain: Array, size: Array,
+) -> Array:  # fmt: skip
+    """Negative log-likelihood of residuals under each lane's amplitudes.
+
+    Parameters
+    ----------
+    F, H : (S, nz, n), (S, channels, n) of all segments.
+    sd, fade : (S, forces, L) standard deviations of unknown forces, and their correlations over a segment.
+    colour, slow : (slow errors, L), (S, L) the same of readings' slow errors.
+    white : (channels, L) variances of white noise.
+    start : (nz,) variances of z where runs begin.
+    first : (S,) whether a run begins.
+    pointer : (S + 1,) index of the first reading of each segment.
+    channel, r : (R,) of each reading; its residual.
+    gain, size : (R, n), (R,) results: the first lane's gains, and standard deviations of its innovations; or empty.
+
+    Returns
+    -------
+    (L,).
+    """
+    (S, nz, n), L = F.shape, white.shape[1]
+    x, P = np.zeros((n, L)), np.zeros((n, n, L))
+    g, K, s, nu, precision = np.zeros((n, L)), np.zeros((n, L)), np.zeros(L), np.zeros(L), np.zeros(L)
+    decay, driven = np.zeros((n - nz, L)), np.zeros((n - nz, L))
+    M, N, moved = np.zeros((nz, n, L)), np.zeros((n, nz, L)), np.zeros((nz, L))
+    g1, P1, M1, N1 = g.reshape(1, n * L), P.reshape(n, n * L), M.reshape(nz, n * L), N.reshape(n, nz * L)
+    nll = np.zeros(L)
     for k in range(S):
         if first[k]:
-            P[:] = 0.0
-            d[:] = 0.0
-            for i in range(nz):
-                P[i, i] = start[i]
-            for j in range(nd):
-                P[nz + j, nz + j] = 1.0
-            for m in range(nc):
-                P[nz + nd + m, nz + nd + m] = colour[m]
+            _begin(x, P, start, colour, sd[k])
         for i in range(pointer[k], pointer[k + 1]):
             c = channel[i]
-            value = n
-            for m in range(nc):
-                if coloured[m] == c:
-                    value = nz + nd + m
-            for q in range(flat):
-                sums[q] = rows[value, q] if value < n else 0.0
-            for b in range(nz):
-                y = C[k, c, b]
-                for x in range(L):
-                    h[b, x] = y
-                if y != 0.0:
-                    for q in range(flat):
-                        sums[q] += y * rows[b, q]
-            for j in range(nd):
-                y = D[k, c, j]
-                for x in range(L):
-                    h[nz + j, x] = y * scale[k, j, x]
-                if y != 0.0:
-                    for a in range(n):
-                        for x in range(L):
-                            g[a, x] += h[nz + j, x] * P[nz + j, a, x]
-            for x in range(L):
-                s[x] = white[c, x]
-                nu[x] = r[i]
-            if value < n:
-                for x in range(L):
-                    s[x] += g[value, x]
-                    nu[x] -= d[value, x]
-            for a in range(nz + nd):
-                for x in range(L):
-                    s[x] += h[a, x] * g[a, x]
-                    nu[x] -= h[a, x] * d[a, x]
-            for x in range(L):
-                nll[x] += 0.5 * (nu[x] * nu[x] / s[x] + np.log(s[x]))
-            for x in range(L):
-                over[x] = 1.0 / s[x]
-            for a in range(n):
-                for x in range(L):
-                    t[a, x] = g[a, x] * over[x]
-            if keep:
+            h = H[k, c : c + 1]
+            _product(g1, h, P1)  # rows of all lanes at once: long loops take less time
+            _innovation(x, h, white[c], r[i], g, s, nu)
+            _update(x, P, g, s, nu, precision, K)
+            for lane in range(L):
+                nll[lane] += 0.5 * (nu[lane] * nu[lane] / s[lane] + np.log(s[lane]))
+            if len(size) > 0:
                 size[i] = np.sqrt(s[0])
                 for a in range(n):
-                    gain[i, a] = t[a, 0]
-            for a in range(n):
-                for x in range(L):
-                    d[a, x] += t[a, x] * nu[x]
-                for b in range(n):
-                    for x in range(L):
-                        P[a, b, x] -= g[a, x] * t[b, x]
-        if k + 1 == S or first[k + 1]:
-            continue
-        for a in range(nd):
-            for x in range(L):
-                f[nz + a, x] = fade[k, a, x]
-        for a in range(nc):
-            for x in range(L):
-                f[nz + nd + a, x] = slow[k, a, x]
-        for j in range(nd):
-            for b in range(n):
-                for x in range(L):
-                    F[j, b, x] = scale[k, j, x] * P[nz + j, b, x]
-        for a in range(nz):
-            for q in range(flat):
-                products[a, q] = 0.0
-            for i in range(nz):
-                y = A[k, a, i]
-                if y != 0.0:
-                    for q in range(flat):
-                        products[a, q] += y * rows[i, q]
-            for j in range(nd):
-                y = B[k, a, j]
-                if y != 0.0:
-                    for q in range(flat):
-                        products[a, q] += y * pushed[j, q]
-        for a in range(nz, n):
-            for b in range(nz, n):
-                for x in range(L):
-                    P[a, b, x] *= f[a, x] * f[b, x]
-        for j in range(nd):
-            for x in range(L):
-                P[nz + j, nz + j, x] += 1.0 - f[nz + j, x] * f[nz + j, x]
-        for m in range(nc):
-            for x in range(L):
-                P[nz + nd + m, nz + nd + m, x] += colour[m, x] * (1.0 - f[nz + nd + m, x] * f[nz + nd + m, x])
-        for a in range(nz):
-            for b in range(nz, n):
-                for x in range(L):
-                    P[a, b, x] = M[a, b, x] * f[b, x]
-                    P[b, a, x] = P[a, b, x]
-        for a in range(nz):
-            for i in range(nz):
-                for x in range(L):
-                    N[i, a, x] = M[a, i, x]
-            for j in range(nd):
-                for x in range(L):
-                    N[nz + j, a, x] = scale[k, j, x] * M[a, nz + j, x]
-        for b in range(nz):
-            for q in range(nz * L):
-                rows[b, q] = 0.0
-            for i in range(nz):
-                y = A[k, b, i]
-                if y != 0.0:
-                    for q in range(nz * L):
-                        rows[b, q] += y * turned[i, q]
-            for j in range(nd):
-                y = B[k, b, j]
-                if y != 0.0:
-                    for q in range(nz * L):
-                        rows[b, q] += y * turned[nz + j, q]
-        for a in range(nz):
-            for x in range(L):
-                h[a, x] = 0.0
-            for i in range(nz):
-                y = A[k, a, i]
-                if y != 0.0:
-                    for x in range(L):
-                        h[a, x] += y * d[i, x]
-            for j in range(nd):
-                y = B[k, a, j]
-                if y != 0.0:
-                    for x in range(L):
-                        h[a, x] += y * scale[k, j, x] * d[nz + j, x]
-        for a in range(nz):
-            for x in range(L):
-                d[a, x] = h[a, x]
-        for a in range(nz, n):
-            for x in range(L):
-                d[a, x] *= f[a, x]
+                    gain[i, a] = K[a, 0]
+        if k + 1 < S and not first[k + 1]:
+            _processes(colour, slow[k], sd[k], fade[k], sd[k + 1], decay, driven)
+            _predict_states(x, F[k], moved)
+            _product(M1, F[k], P1)
+            _transpose(M, N)
+            _product(P1, F[k], N1)
+            _predict_processes(x, P, M, decay, driven)
     return nll
 
 
 @begun
-def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
-    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, result
-):
-    """Whiten values, (N, K), at the places of readings, by known gains; the result has the same places."""
-    S, nz, _ = A.shape
-    nd, nc, K = B.shape[2], slow.shape[1], values.shape[1]
-    n = nz + nd + nc
-    d, moved = np.zeros((n, K)), np.zeros((nz, K))
+def innovations(  # pragma: no cover
+    F: Array, H: Array, decay: Array, first: NDArray[np.bool_], pointer: Index, channel: Index, gain: Array,
+    size: Array, place: Index, values: Array, result: Array,
+) -> None:  # fmt: skip
+    """Innovations of values, (N, K), over their standard deviations; the result has the same places.
+
+    The filter is that of `likelihood`, with known gains and sizes; `decay`, (S, n - nz), are factors of the processes,
+    and `place`, (R,), is each reading's.
+    """
+    (S, nz, n), columns = F.shape, values.shape[1]
+    x, expected, moved = np.zeros((n, columns)), np.zeros((1, columns)), np.zeros((nz, columns))
     for k in range(S):
         if first[k]:
-            d[:] = 0.0
+            x[:] = 0.0
         for i in range(pointer[k], pointer[k + 1]):
-            c, at = channel[i], place[i]
-            for x in range(K):
-                result[at, x] = values[at, x]
-            for a in range(nz):
-                value = C[k, c, a]
-                if value != 0.0:
-                    for x in range(K):
-                        result[at, x] -= value * d[a, x]
-            for j in range(nd):
-                value = D[k, c, j] * scale[k, j]
-                if value != 0.0:
-                    for x in range(K):
-                        result[at, x] -= value * d[nz + j, x]
-            for m in range(nc):
-                if coloured[m] == c:
-                    for x in range(K):
-                        result[at, x] -= d[nz + nd + m, x]
+            c, nu = channel[i], result[place[i]]
+            _product(expected, H[k, c : c + 1], x)
+            for q in range(columns):
+                nu[q] = values[place[i], q] - expected[0, q]
             for a in range(n):
-                value = gain[i, a]
-                for x in range(K):
-                    d[a, x] += value * result[at, x]
-            value = 1.0 / size[i]
-            for x in range(K):
-                result[at, x] *= value
-        if k + 1 == S or first[k + 1]:
-            continue
+                factor = gain[i, a]
+                for q in range(columns):
+                    x[a, q] += factor * nu[q]
+            factor = 1.0 / size[i]
+            for q in range(columns):
+                nu[q] *= factor
+        if k + 1 < S and not first[k + 1]:
+            _predict_states(x, F[k], moved)
+            for a in range(nz, n):
+                factor = decay[k, a - nz]
+                for q in range(columns):
+                    x[a, q] *= factor
+
+
+@compiled
+def _begin(x: Array, P: Array, start: Array, colour: Array, sd: Array) -> None:  # pragma: no cover
+    """Mean and covariance where a run begins."""
+    x[:] = 0.0
+    P[:] = 0.0
+    a = 0
+    for variance in start:
+        P[a, a] = variance
+        a += 1
+    for stationary in (colour, sd):
+        for lanes in stationary:
+            P[a, a] = lanes * lanes
+            a += 1
+
+
+@compiled
+def _innovation(  # pragma: no cover
+    x: Array, h: Array, white: Array, r: float, g: Array, s: Array, nu: Array
+) -> None:
+    """A reading's innovation nu = r - h x, its variance s = h P h' + white, and g = P h'; h is (1, n)."""
+    n, L = x.shape
+    for q in range(L):
+        s[q] = white[q]
+        nu[q] = r
+    for a in range(n):
+        factor = h[0, a]
+        if factor != 0.0:
+            for q in range(L):
+                s[q] += factor * g[a, q]
+                nu[q] -= factor * x[a, q]
+
+
+@compiled
+def _update(  # pragma: no cover
+    x: Array, P: Array, g: Array, s: Array, nu: Array, precision: Array, K: Array
+) -> None:
+    """Gain K = g / s, mean x + K nu and covariance P - g K'."""
+    n, L = x.shape
+    for q in range(L):
+        precision[q] = 1.0 / s[q]
+    for a in range(n):
+        for q in range(L):
+            K[a, q] = g[a, q] * precision[q]
+            x[a, q] += K[a, q] * nu[q]
+    for a in range(n):
+        for b in range(n):
+            for q in range(L):
+                P[a, b, q] -= g[a, q] * K[b, q]
+
+
+@compiled
+def _processes(  # pragma: no cover
+    colour: Array, slow: Array, sd: Array, fade: Array, later: Array, decay: Array, driven: Array
+) -> None:
+    """Factors by which the processes decay over a segment, and variances that are added."""
+    nc = len(colour)
+    for m in range(nc):
+        for q in range(len(slow)):
+            decay[m, q] = slow[q]
+            driven[m, q] = colour[m, q] * colour[m, q] * (1.0 - slow[q] * slow[q])
+    for j in range(len(sd)):
+        for q in range(len(slow)):
+            decay[nc + j, q] = fade[j, q] * later[j, q] / sd[j, q]
+            driven[nc + j, q] = later[j, q] * later[j, q] * (1.0 - fade[j, q] * fade[j, q])
+
+
+@compiled
+def _predict_states(x: Array, F: Array, moved: Array) -> None:  # pragma: no cover
+    """The mean of z after a segment, F x."""
+    _product(moved, F, x)
+    for a in range(len(F)):
+        for q in range(x.shape[1]):
+            x[a, q] = moved[a, q]
+
+
+@compiled
+def _predict_processes(x: Array, P: Array, M: Array, decay: Array, driven: Array) -> None:  # pragma: no cover
+    """Mean and covariance of w after a segment, and its covariance with z; M = F P, of what was before the segment."""
+    nz, n, L = M.shape
+    for i in range(n - nz):
+        for q in range(L):
+            x[nz + i, q] *= decay[i, q]
         for a in range(nz):
-            for x in range(K):
-                moved[a, x] = 0.0
-            for b in range(nz):
-                value = A[k, a, b]
-                if value != 0.0:
-                    for x in range(K):
-                        moved[a, x] += value * d[b, x]
-            for j in range(nd):
-                value = B[k, a, j] * scale[k, j]
-                if value != 0.0:
-                    for x in range(K):
-                        moved[a, x] += value * d[nz + j, x]
-        for a in range(nz):
-            for x in range(K):
-                d[a, x] = moved[a, x]
-        for j in range(nd):
-            for x in range(K):
-                d[nz + j, x] *= fade[k, j]
-        for m in range(nc):
-            for x in range(K):
-                d[nz + nd + m, x] *= slow[k, m]
+            for q in range(L):
+                P[a, nz + i, q] = M[a, nz + i, q] * decay[i, q]
+                P[nz + i, a, q] = P[a, nz + i, q]
+        for j in range(n - nz):
+            for q in range(L):
+                P[nz + i, nz + j, q] *= decay[i, q] * decay[j, q]
+        for q in range(L):
+            P[nz + i, nz + i, q] += driven[i, q]
+
+
+@compiled
+def _transpose(M: Array, N: Array) -> None:  # pragma: no cover
+    """M with rows and columns exchanged, into N."""
+    for a in range(M.shape[0]):
+        for b in range(M.shape[1]):
+            for q in range(M.shape[2]):
+                N[b, a, q] = M[a, b, q]
+
+
+@compiled
+def _product(result: Array, M: Array, X: Array) -> None:  # pragma: no cover
+    """M X into the beginnings of the rows of the result; zeros of M cost nothing."""
+    for a in range(M.shape[0]):
+        for q in range(X.shape[1]):
+            result[a, q] = 0.0
+        for i in range(M.shape[1]):
+            factor = M[a, i]
+            if factor != 0.0:
+                for q in range(X.shape[1]):
+                    result[a, q] += factor * X[i, q]

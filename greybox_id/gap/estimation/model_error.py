@@ -28,7 +28,6 @@ from ...engine.virtual import SampledFunction
 from ...models.vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CAL
-from .error_filter import innovations, likelihood
 from .unknown_forces import FORCES, SCALES
 
 LEAST = 1e-12
@@ -151,6 +150,28 @@ class Linearised:
     row: NDArray[np.intp]
     channel: NDArray[np.intp]
 
+    @cached_property
+    def read(self) -> NDArray[np.intp]:
+        """Channels with readings: these have slow errors."""
+        return np.unique(self.channel)
+
+    @cached_property
+    def transition(self) -> Array:
+        """(S, n, n + slow errors + forces) by which these become errors of the states over a segment."""
+        S, n, forces = self.B.shape
+        F = np.zeros((S, n, n + len(self.read) + forces))
+        F[..., :n], F[..., F.shape[2] - forces :] = self.A, self.B
+        return F
+
+    @cached_property
+    def output(self) -> Array:
+        """(S, channels, n + slow errors + forces) of all errors of readings but white noise."""
+        (S, channels, n), c = self.C.shape, len(self.read)
+        H = np.zeros((S, channels, n + c + self.D.shape[2]))
+        H[..., :n], H[..., n + c :] = self.C, self.D
+        H[:, self.read, n + np.arange(c)] = 1.0
+        return H
+
 
 class ForceSizes:
     """Sizes of the modelled forces that unknown ones are shares of, along a simulation."""
@@ -266,19 +287,20 @@ class ModelError:
         return np.asarray(np.hypot(self.amplitudes.noise, self.amplitudes.colour))
 
     @cached_property
-    def _laid(self) -> tuple[Array, Array, Array]:
-        """Scale, fade and slow of `laid`, for the single lane here."""
-        scale, fade, slow, *_ = laid(self.about, [self.amplitudes])
-        return scale[..., 0].copy(), fade[..., 0].copy(), slow[..., 0].copy()
+    def _decay(self) -> Array:
+        """(S, slow errors + forces) factor of these processes over a segment."""
+        forces, (colour, slow) = unknown_forces(self.about, [self.amplitudes]), _slow(self.about, [self.amplitudes])
+        return np.hstack([np.repeat(slow, len(colour), axis=1), forces.decay[..., 0]])
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
+        from .error_filter import innovations  # imported here: it loads Numba
+
         about, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
         one = np.zeros((n * channels, more))
         innovations(
-            about.A, about.B, about.C, about.D, *self._laid, about.first, about.pointer, about.channel,
-            _coloured(about, self.amplitudes), np.ascontiguousarray(values).reshape(one.shape), self.gain, self.size,
-            about.row * channels + about.channel, one,
+            about.transition, about.output, self._decay, about.first, about.pointer, about.channel, self.gain,
+            self.size, about.row * channels + about.channel, np.ascontiguousarray(values).reshape(one.shape), one,
         )  # fmt: skip
         return one.reshape(values.shape)
 
@@ -286,12 +308,9 @@ class ModelError:
 def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
     """The filter for these amplitudes; only usable readings count."""
     kept = _only(about, usable)
-    gain, size = np.empty((len(kept.row), _size(kept, amplitudes))), np.empty(len(kept.row))
-    lane = laid(kept, [amplitudes])
-    likelihood(
-        kept.A, kept.B, kept.C, kept.D, *lane[:5], kept.start, kept.first, kept.pointer, kept.channel, lane[5],
-        np.zeros(len(kept.row)), gain, size,
-    )  # fmt: skip
+    readings = len(kept.row)
+    gain, size = np.empty((readings, kept.transition.shape[2])), np.empty(readings)
+    _filtered(kept, [amplitudes], unknown_forces(kept, [amplitudes]), np.zeros(readings), gain, size)
     return ModelError(kept, amplitudes, usable, gain, size)
 
 
@@ -314,12 +333,9 @@ def estimated(
     """
     kept = tuned_on(about, usable)
     r = np.ascontiguousarray(residuals[kept.row, kept.channel])
-    none = np.empty((0, 0)), np.empty(0)
     start = prior.median.logarithms
     free = np.ones(len(start), dtype=bool)
-    seen = np.zeros(len(prior.median.noise), dtype=bool)
-    seen[np.unique(kept.channel)] = True
-    free[6:-1] = np.tile(seen, 2)
+    free[6:-1] = np.tile(np.isin(np.arange(len(prior.median.noise)), kept.read), 2)
 
     def cost(x: Array) -> tuple[float, Array]:
         at = start + 0.0
@@ -327,11 +343,7 @@ def estimated(
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
         lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # four fill a register
-        each = laid(kept, [Amplitudes.of(lane) for lane in lanes])
-        nll = likelihood(
-            kept.A, kept.B, kept.C, kept.D, *each[:5], kept.start, kept.first, kept.pointer, kept.channel, each[5],
-            r, *none,
-        ) + prior.cost(lanes)  # fmt: skip
+        nll = negative_log_likelihood(kept, [Amplitudes.of(lane) for lane in lanes], r) + prior.cost(lanes)
         return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
 
     width = 4.0 * prior.sd[free]
@@ -376,39 +388,70 @@ def _first(about: Linearised, most: int) -> Linearised:
     )  # fmt: skip
 
 
-def _size(about: Linearised, amplitudes: Amplitudes) -> int:
-    return int(about.A.shape[1]) + int(about.B.shape[2]) + int(np.count_nonzero(_coloured(about, amplitudes) >= 0))
+@dataclass(frozen=True)
+class Processes:
+    """Stationary first-order Gauss-Markov processes along S segments, in each of L lanes.
 
-
-def _coloured(about: Linearised, amplitudes: Amplitudes) -> NDArray[np.intp]:
-    """Channels with a slow part: those that are read."""
-    read = np.zeros(len(amplitudes.noise), dtype=bool)
-    read[np.unique(about.channel)] = True
-    return np.flatnonzero(read)
-
-
-def laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, Array, Array, Array, NDArray[np.intp]]:
-    """Arrays that the filter takes amplitudes as, for each of L lanes.
-
-    Returns
-    -------
-    scale : (S, forces, L) standard deviation of the unknown forces, N.
-    fade : (S, forces, L) factor by which they decay over a segment.
-    slow : (S, colours, L) the same of readings' slow errors.
-    white : (channels, L) variances of white noise.
-    colour : (colours, L) variances of slow errors.
-    channels : (colours,) channel of each slow error.
+    Attributes
+    ----------
+    sd : (S, processes, L) standard deviations.
+    correlation : (S, processes, L) between the beginning of a segment and its end.
     """
-    y = about.axis == 0
+
+    sd: Array
+    correlation: Array
+
+    @property
+    def decay(self) -> Array:
+        """(S, processes, L) factor from the beginning of a segment to that of the next one."""
+        return np.asarray(self.correlation * np.concatenate([self.sd[1:], self.sd[-1:]]) / self.sd)
+
+
+def unknown_forces(about: Linearised, lanes: Sequence[Amplitudes]) -> Processes:
+    """The unknown forces, N, with the amplitudes of each lane."""
+    place = np.where(about.axis == 0, 0, 1)
     floor = np.array([[lane.floor_y / 2, lane.floor_x] for lane in lanes]).T * about.mass
     share = np.array([[lane.share_y, lane.share_x] for lane in lanes]).T
     memory = np.array([[lane.memory_y, lane.memory_x] for lane in lanes]).T
-    place = np.where(y, 0, 1)
-    scale = np.sqrt(floor[place] ** 2 + (share[place] * about.force[:, :, None]) ** 2)
-    fade = np.exp(-about.length[:, None, None] / memory[place])
-    channels = _coloured(about, lanes[0])
-    sensor = np.array([lane.memory for lane in lanes])
-    slow = np.repeat(np.exp(-about.length[:, None, None] / sensor), len(channels), axis=1)
-    white = np.array([lane.noise for lane in lanes]).T ** 2
-    colour = np.array([lane.colour[channels] for lane in lanes]).T ** 2
-    return scale, fade, slow, np.ascontiguousarray(white), np.ascontiguousarray(colour), channels
+    sd = np.sqrt(floor[place] ** 2 + (share[place] * about.force[:, :, None]) ** 2)
+    return Processes(sd, np.exp(-about.length[:, None, None] / memory[place]))
+
+
+def _slow(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array]:
+    """Of slow errors of the channels that are read: (slow errors, L) standard deviations, (S, L) correlations."""
+    colour = np.array([lane.colour[about.read] for lane in lanes]).T
+    memory = np.array([lane.memory for lane in lanes])
+    return np.ascontiguousarray(colour), np.exp(-about.length[:, None] / memory)
+
+
+def negative_log_likelihood(
+    about: Linearised, lanes: Sequence[Amplitudes], r: Array, more: Processes | None = None
+) -> Array:
+    """(L,) of residuals, under the amplitudes of each lane.
+
+    Parameters
+    ----------
+    about : error dynamics about the simulation that left the residuals.
+    lanes : L amplitudes.
+    r : (R,) residual of each reading.
+    more : processes behind the unknown forces, one for each further column of B and D.
+    """
+    forces = unknown_forces(about, lanes)
+    if more is not None:
+        pairs = ((forces.sd, more.sd), (forces.correlation, more.correlation))
+        forces = Processes(*(np.concatenate(pair, axis=1) for pair in pairs))
+    return _filtered(about, lanes, forces, r, np.empty((0, 0)), np.empty(0))
+
+
+def _filtered(
+    about: Linearised, lanes: Sequence[Amplitudes], forces: Processes, r: Array, gain: Array, size: Array
+) -> Array:
+    from .error_filter import likelihood  # imported here: it loads Numba
+
+    colour, slow = _slow(about, lanes)
+    white = np.ascontiguousarray(np.array([lane.noise for lane in lanes]).T ** 2)
+    nll: Array = likelihood(
+        about.transition, about.output, forces.sd, forces.correlation, colour, slow, white, about.start, about.first,
+        about.pointer, about.channel, r, gain, size,
+    )  # fmt: skip
+    return nll

@@ -19,8 +19,16 @@ from ...base.shorthands import Array
 from .axes import Axis
 from .bench import Bench
 from .calibration import CAL
-from .error_filter import likelihood
-from .model_error import AmplitudePrior, Amplitudes, ForceSizes, Linearised, laid, linearised, tuned_on
+from .model_error import (
+    AmplitudePrior,
+    Amplitudes,
+    ForceSizes,
+    Linearised,
+    Processes,
+    linearised,
+    negative_log_likelihood,
+    tuned_on,
+)
 
 
 @dataclass(frozen=True)
@@ -128,14 +136,12 @@ def _costs(
     """(lanes,) negative log-likelihood, plus the cost of the amplitudes by their prior."""
     chosen = [*range(forces), *([] if column is None else [column])]
     one = replace(about, B=np.ascontiguousarray(about.B[..., chosen]), D=np.ascontiguousarray(about.D[..., chosen]))
-    scale, fade, slow, white, colour, channels = laid(one, [amplitudes for amplitudes, _, _ in lanes])
+    amplitudes, sds, memories = zip(*lanes, strict=True)
+    more = None
     if column is not None:
-        sd, memory = (np.array([lane[k] for lane in lanes]) for k in (1, 2))
-        scale = np.concatenate([scale, np.broadcast_to(sd, (len(scale), 1, len(lanes)))], axis=1)
-        fade = np.concatenate([fade, np.exp(-one.length[:, None, None] / memory)], axis=1)
-    nll = likelihood(
-        one.A, one.B, one.C, one.D, scale, fade, slow, white, colour, one.start, one.first, one.pointer, one.channel,
-        channels, r, np.empty((0, 0)), np.empty(0),
-    )  # fmt: skip
-    cost = nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes]))
+        shape = (len(one.length), 1, len(lanes))
+        correlation = np.exp(-one.length[:, None, None] / np.array(memories))
+        more = Processes(np.broadcast_to(np.array(sds), shape), correlation)
+    nll = negative_log_likelihood(one, amplitudes, r, more)
+    cost = nll + prior.cost(np.vstack([each.logarithms for each in amplitudes]))
     return np.where(np.isfinite(cost), cost, np.inf)  # derivatives overflow where the vehicle nearly spins
