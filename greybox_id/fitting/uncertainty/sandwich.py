@@ -53,7 +53,8 @@ class Blocks:
     Attributes
     ----------
     kept : (unknowns,) mask of those that are not local.
-    H : (blocks, kept, kept) J'J of each block.
+    H : (blocks, kept, kept) J'J of each block; of all rows together, (1, kept, kept), if J is at hand.
+    J : of each block of a network, its number, and the derivatives (rows, kept) of a part of it.
     scores : (blocks, kept) J'r of each block.
     prior : (kept, kept) R'R.
     pull : (local, kept) negative change of the optimal local unknowns per change of a kept one.
@@ -67,6 +68,7 @@ class Blocks:
 
     kept: Mask
     H: Array
+    J: list[tuple[int, Array]]
     scores: Array
     prior: Array
     pull: Array
@@ -87,8 +89,19 @@ class Blocks:
         """Effective variance of a residual in a sum, where scatter between blocks gives no estimate."""
         return self.variance * self.correlation
 
+    def scores_after(self, step: Array) -> Array:
+        """Scores after a step of the kept unknowns, to first order."""
+        if not self.J:
+            return np.asarray(self.scores + self.H @ step)
+        result = self.scores.copy()
+        for block, J in self.J:
+            result[block] += (J @ step) @ J
+        return result
+
     def over_all(self, of_kept: Array, of_local: Array) -> Array:
         """A covariance (unknowns, unknowns) from that of the kept ones and that of the local ones alone."""
+        if np.all(self.kept):
+            return of_kept
         full = np.empty((len(self.kept), len(self.kept)))
         kept, local = np.flatnonzero(self.kept), np.flatnonzero(~self.kept)
         full[np.ix_(kept, kept)] = of_kept
@@ -115,7 +128,9 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     local, kept, P = plan.local, ~plan.local, sp.csr_matrix(problem.R.T @ problem.R)
     place = np.where(local, np.cumsum(local), np.cumsum(kept)) - 1  # index among the local, or the kept unknowns
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
-    H, scores = np.zeros((count, size, size)), np.zeros((count, size))
+    # of a network, J is smaller than J'J of every block
+    at_hand = size > MANY and bool(plan.parts) and all(len(of) == size for of in problem.layout.index)
+    H, scores, of_blocks = np.zeros((1 if at_hand else count, size, size)), np.zeros((count, size)), []
     pull, local_covariance, independent, dof = (
         np.zeros((few, size)),
         np.zeros((few, few)),
@@ -144,10 +159,14 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
             by_kept = by_kept - by_local @ pull[places_local][:, places_kept]
         cuts = np.clip(plan.edges - plan.first[k % problem.copies] - start, 0, len(residuals))
         among = place[of[kept[of]]]
+        if at_hand:
+            H[0] += by_kept.reshape(-1, size).T @ by_kept.reshape(-1, size)
         for g in np.flatnonzero(np.diff(cuts)):
             rows = slice(cuts[g], cuts[g + 1])
             flat = by_kept[rows].reshape(-1, len(among))
-            if len(among) == size:
+            if at_hand:
+                of_blocks.append((int(g), flat))
+            elif len(among) == size:
                 H[g] += flat.T @ flat
             else:
                 H[g][np.ix_(among, among)] += flat.T @ flat
@@ -155,7 +174,7 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     responses = np.zeros((len(kept), size))  # change of all unknowns with a kept one
     responses[kept], responses[local] = np.eye(size), -pull
     return Blocks(
-        kept, H, scores, responses.T @ (P @ responses), pull, local_covariance, independent, dof,
+        kept, H, of_blocks, scores, responses.T @ (P @ responses), pull, local_covariance, independent, dof,
         float(plan.first[-1]) / count, plan.correlation, plan.variance,
     )  # fmt: skip
 
@@ -341,7 +360,8 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     inflation = np.divide(variance, of_independent, out=np.ones(len(x)), where=comparable)
     return Uncertainty(
         covariance, independent, released, released_independent, dof, inflation, centre,
-        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(scores.H), scores.rows, scores.correlation,
+        np.sqrt(np.maximum(variance, 0.0)), at_bound, problem.bounds, len(scores.scores), scores.rows,
+        scores.correlation,
     )  # fmt: skip
 
 
@@ -409,12 +429,12 @@ def _uncorrected(blocks: Blocks, H: Array, free: Mask, U: Array) -> _Sandwich:
 
     The degrees of freedom are the blocks less one; the eigenvalues of every block would cost seconds.
     """
-    among, count = np.ix_(free, free), len(blocks.H)
-    scores = (blocks.scores @ np.eye(len(H))[:, free]) @ U.T
-    middle = scores.T @ scores * count / max(count - 1, 1) / (1.0 - blocks.missed)
-    middle += U @ blocks.prior[among] @ U.T
+    among, count = np.ix_(free, free), len(blocks.scores)
+    inverse = U.T @ U
+    moves = blocks.scores[:, free] @ inverse  # of the optimum, by each block's scores
+    of_data = moves.T @ moves * count / max(count - 1, 1) / (1.0 - blocks.missed)
     result = _Sandwich(np.zeros_like(H), np.zeros_like(H), np.full(len(H), np.inf))
-    result.covariance[among], result.independent[among] = U.T @ middle @ U, U.T @ U
+    result.covariance[among], result.independent[among] = of_data + inverse @ blocks.prior[among] @ inverse, inverse
     result.dof[free] = max(count - 1, 1)
     return result
 
@@ -424,7 +444,7 @@ def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Bl
     step = np.zeros(len(H))
     unit, C = _factor(H[np.ix_(free, free)])
     step[free] = -unit * la.cho_solve((C, True), unit * gradient[free])
-    return replace(blocks, scores=blocks.scores + blocks.H @ step), step
+    return replace(blocks, scores=blocks.scores_after(step)), step
 
 
 def _off_bounds(H: Array, mask: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
