@@ -106,7 +106,7 @@ class _Loop:
         beside = np.empty((len(u) - trace.memory, len(self._taps)))
         for signal, z in zip(self._beside, self._stage_beside(u[:-1], p).T, strict=True):
             here = np.flatnonzero(trace.tap_signal[self._taps] == signal)
-            beside[:, here] = windows(z, trace.memory) @ weights[self._taps[here]].T
+            beside[:, here] = np.ascontiguousarray(windows(z, trace.memory)) @ weights[self._taps[here]].T
         rows = self._varying(u[trace.memory - 1 : -1], beside, p)
         return rows, call(self._staying, p)
 

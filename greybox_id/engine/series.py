@@ -195,10 +195,11 @@ class Run:
         total = np.zeros(len(p))
         for tap, signal in enumerate(trace.tap_signal):
             by_tap = sum((weights[:, o] * by_h[:, k] for k, o in trace.tap_outputs[tap]), np.zeros(len(h)))
-            by_z[:, signal] += np.convolve(by_tap, of_window[tap])
+            if len(trace.stage_columns[signal]):
+                by_z[:, signal] += np.convolve(by_tap, of_window[tap])
             tap_weight = trace.tap_weights[tap]
             if len(tap_weight.places):
-                by_lag = by_tap @ windows(z[:-1, signal], trace.memory)
+                by_lag = np.correlate(z[:-1, signal], by_tap)
                 np.add.at(
                     total,
                     trace.weights_by_p.column[tap_weight.places],
@@ -228,7 +229,7 @@ class Run:
         h = np.empty((len(u) - trace.memory, len(weights)))
         for signal in range(z.shape[1]):
             taps = np.flatnonzero(trace.tap_signal == signal)
-            h[:, taps] = windows(z[:-1, signal], trace.memory) @ weights[taps].T
+            h[:, taps] = np.ascontiguousarray(windows(z[:-1, signal], trace.memory)) @ weights[taps].T  # for BLAS
         if self._seen is not None and u is self._seen[1]:  # inputs from fed-back predictions differ every time
             self._looked = u, p.copy(), z, h
         return z, h

@@ -280,8 +280,16 @@ class Trace:
 
     @cached_property
     def head_by_h(self) -> SparseFunction:
-        """Derivative of the outputs by the windows' results."""
-        return self._sparse("head_by_h", self.y, self.h, [self.h, self.u, self.p])
+        """Derivative of the outputs by the results of the windows that anything else is differentiated through."""
+        moved = self.model.inputs if self.model.actuators else self.fed_back
+        by = cs.vertcat(self.p, *[self.u[self.model.inputs.index(name)] for name in moved])
+        weights = cs.vertsplit(self.W) if self.W.numel() else []
+        constant = [
+            tap
+            for tap, (signal, row) in enumerate(zip(self.tap_signal.tolist(), weights, strict=True))
+            if not cs.depends_on(cs.horzcat(self.z[signal], row), by)
+        ]
+        return self._sparse("head_by_h", self.y, self.h, [self.h, self.u, self.p], constant)
 
     @cached_property
     def head_by_p(self) -> SparseFunction:
@@ -328,15 +336,20 @@ class Trace:
         inputs = SimpleNamespace(**{name: self.u[k] for k, name in enumerate(self.model.inputs)})
         return dict(self.model.feedback(outputs, inputs)), y
 
-    def _sparse(self, name: str, of: Symbol, by: Symbol, arguments: list[Symbol]) -> SparseFunction:
+    def _sparse(
+        self, name: str, of: Symbol, by: Symbol, arguments: list[Symbol], without: Sequence[int] = ()
+    ) -> SparseFunction:
+        """Nonzeros of a Jacobian, `without` some of its columns."""
         jacobian = cs.jacobian(of, by)
-        row, column = jacobian.sparsity().get_triplet()
-        nonzeros = cs.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else cs.SX(0, 1)
+        jacobian[:, list(without)] = 0.0
+        transposed = cs.sparsify(jacobian).T  # its nonzeros column by column are those of each expression in succession
+        column, row = transposed.sparsity().get_triplet()
+        nonzeros = cs.vertcat(*transposed.nonzeros()) if transposed.nnz() else cs.SX(0, 1)
         return SparseFunction(
             nonzeros=SampledFunction(cs.Function(name, arguments, [nonzeros])),
             row=np.array(row, dtype=np.intp),
             column=np.array(column, dtype=np.intp),
-            constant=not (jacobian.nnz() and cs.depends_on(nonzeros, cs.vertcat(self.p, self.h))),
+            constant=not (transposed.nnz() and cs.depends_on(nonzeros, cs.vertcat(self.p, self.h))),
         )
 
 
