@@ -13,6 +13,7 @@ from ..base.errors import GreyboxError
 from ..base.version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
+from .late import LateImport
 from .terminal import OutputFailed, clean, drop_output, interrupts, streams, tell
 
 INTERRUPTED = 130
@@ -47,6 +48,7 @@ def main() -> None:
     Warnings of libraries are not shown, since users cannot act on them. The commands print what users must know.
     """
     gc.set_threshold(*COLLECTED)
+    LateImport.of("pandas")
     with warnings.catch_warnings(), streams(), interrupts() as sent:
         warnings.showwarning = _discarded
         try:
