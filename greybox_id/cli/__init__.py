@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import gc
 import sys
 import warnings
@@ -18,9 +19,9 @@ from .terminal import OutputFailed, clean, drop_output, interrupts, streams, tel
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C."""
-COLLECTED = (100_000, 1, 1)
+COLLECTED = (250_000, 1, 1)
 """Thresholds of garbage collection: with Python's defaults it takes a tenth of a report's time, and finds hardly one in
-a hundred of the objects of imports and figures."""
+a hundred of the objects of imports and figures. The first is three times what the imports of a fit leave."""
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -48,6 +49,7 @@ def main() -> None:
     Warnings of libraries are not shown, since users cannot act on them. The commands print what users must know.
     """
     gc.set_threshold(*COLLECTED)
+    atexit.register(gc.freeze)  # the process ends: nothing is collected any more
     LateImport.of("pandas")
     with warnings.catch_warnings(), streams(), interrupts() as sent:
         warnings.showwarning = _discarded
