@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from ..base.numbers import number, pretty_unit
-from ..datasets.checks import Severity, check
+from ..datasets.checks import doubts
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed
@@ -31,7 +31,7 @@ from .estimation.strip import strip
 from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import Examined, examine
-from .gap import Budget, CauseClass, Gap, Ranked
+from .gap import Budget, CauseClass, Closure, Gap, Ranked
 from .judging import (
     alike_of,
     closes_too_little,
@@ -97,62 +97,23 @@ def diagnose(
 def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:
     """The answer of a diagnosis, from what was examined."""
     selection, good, sd = examined.selection, examined.good, examined.sd
-    scattered = [name for name, (_, present) in examined.scatter.items() if present > CAL.present]
+    scattered = any(present > CAL.present for _, present in examined.scatter.values())
     unknown = 1.0 - (1.0 - unnamed_probability(examined)) * (1.0 - misnamed_probability(examined))
-    detected = bool(examined.best.candidates) or bool(scattered) or unknown > CAL.present
-    ways = witnesses(examined, examined.best) if examined.best.candidates else []
-    ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
-    reasons, leave = (insignificant(examined, ways, level) for level in (CAL.by_chance, CAL.present))
-    doubtful = set(reasons) - set(leave)
-    best = restricted_to(examined, set(examined.best.names) - set(leave)) if leave else examined.best
-    shared, telling = None, None
-    stated = examined.inexact and not examined.bench.learnt  # with stated tolerances, innovations alone do not suffice
-    while set(best.names) - doubtful:  # judged beside doubtful effects, too: these are likelier present than not
-        shared = shared_out(examined, best, held_out, tell)
-        telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
-        leaving = refused(examined, set(best.names) - doubtful, telling)
-        little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
-        if len(little) > 1:  # only the smallest leaves: it may hide what the others close
-            least = min(little, key=lambda name: little[name])
-            leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
-        reasons |= leaving
-        best = restricted_to(examined, set(best.names) - set(leaving))
-        if len(little) < 2:
-            break
-    best = restricted_to(examined, set(best.names) - doubtful) if doubtful else best
-    while True:
-        if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some have left
-            shared = shared_out(examined, best, held_out, tell) if best.names else None
-        if shared is not None and (why := closes_too_little(shared, not examined.inexact)):
-            reasons |= dict.fromkeys(best.names, why)
-            best, shared = restricted_to(examined, set()), None
-        if held_out:
-            tell(f"verifying on {on_held_out(held_out)}")
-        closed, verified, worse = closed_model(examined, best, detected, held_out, shared)
-        if not worse:
-            break
-        weakest = min(best.names, key=partial(gain_of, examined, examined.best))
-        reasons[weakest] = worse
-        best = restricted_to(examined, set(best.names) - {weakest})
-    ranking, applied = _ranking(examined, reasons, telling), tuple(best.names)
-    whole = shared if shared is not None and shared.shows else telling
+    detected = bool(examined.best.candidates) or scattered or unknown > CAL.present
+    causes, closed, verified = _verified(examined, _budgeted(examined, held_out, tell), detected, held_out, tell)
+    best, shared = causes.best, causes.shared
+    ranking, applied = _ranking(examined, causes.reasons, causes.telling), tuple(best.names)
+    whole = shared if shared is not None and shared.shows else causes.telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
         # more than half of the excess is surely due to no named effect
         unknown = max(unknown, CAL.nameless)
-    if (
-        shared is not None
-        and not shared.shows
-        and any(share.effect in applied and share.low <= 0 for share in shared.shares)
-    ):
+    if shared is not None and not shared.shows and any(share.low <= 0 for share in shared.shares):
         shared = None  # shares of next to no gap, where the effects themselves are certain
     like = examined.resembles() if unknown > CAL.present else ()
-    excess = np.sum(np.where(good, (selection.base.e / sd) ** 2 - (best.e / sd) ** 2, 0.0), axis=1)
-    if not applied:
-        excess = np.sum(np.where(good, (selection.base.e / sd) ** 2 - 1, 0.0), axis=1)
-    ratio = np.array([
-        np.sqrt(np.mean((selection.base.e[one, c] / sd[c]) ** 2)) if np.any(one := good[:, c]) else np.nan
-        for c in range(len(sd))
-    ])  # fmt: skip
+    before = (selection.base.e / sd) ** 2
+    excess = np.sum(np.where(good, before - ((best.e / sd) ** 2 if applied else 1), 0.0), axis=1)
+    ratio = np.array([np.sqrt(np.mean(before[one, c])) if np.any(one := good[:, c]) else np.nan
+                      for c in range(len(sd))])  # fmt: skip
     place = where(examined.bench, excess, ratio, examined.seen, selection.expected_gains, examined.effects)
     unexcited, absorbed = not_excited(examined)
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
@@ -160,12 +121,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     return Gap(
         model=examined.model.name,
         recordings=tuple(recording.name for recording in examined.recordings),
-        doubts=tuple(
-            f"{recording.name}: {finding.sentence}"
-            for recording in examined.recordings
-            for finding in check(recording)
-            if finding.severity is Severity.DISTRUST
-        ),
+        doubts=doubts(examined.recordings),
         gap_detected=detected,
         p_value=_p_value(examined, unknown > CAL.present),
         unknown_probability=unknown,
@@ -188,8 +144,72 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         moved=moved(examined, best, closed),
         tried={item.candidate.effect: item.gain for item in selection.expected_gains},
         held=_held(examined),
-        classes=_classes(examined, ranking, applied, reasons, telling),
+        classes=_classes(examined, ranking, applied, causes.reasons, causes.telling),
     )
+
+
+@dataclass(frozen=True)
+class _Causes:
+    """The effects of the best explanation that are causes, as far as they were judged.
+
+    Attributes
+    ----------
+    best : the explanation by them alone.
+    reasons : why the others are not applied, by name.
+    shared : budget of the causes.
+    telling : budget by which effects were refused, or could have been.
+    """
+
+    best: Hypothesis
+    reasons: Mapping[str, str]
+    shared: Budget | None
+    telling: Budget | None
+
+
+def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> _Causes:
+    """Causes that are significant, and that close enough of the gap by its budget."""
+    ways = witnesses(examined, examined.best) if examined.best.candidates else []
+    ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
+    reasons, leave = (insignificant(examined, ways, level) for level in (CAL.by_chance, CAL.present))
+    doubtful = set(reasons) - set(leave)
+    best = restricted_to(examined, set(examined.best.names) - set(leave)) if leave else examined.best
+    shared, telling = None, None
+    stated = examined.inexact and not examined.bench.learnt  # with stated tolerances, innovations alone do not suffice
+    while set(best.names) - doubtful:  # judged beside doubtful effects, too: these are likelier present than not
+        shared = shared_out(examined, best, held_out, tell)
+        telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
+        leaving = refused(examined, set(best.names) - doubtful, telling)
+        little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
+        if len(little) > 1:  # only the smallest leaves: it may hide what the others close
+            least = min(little, key=lambda name: little[name])
+            leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
+        reasons |= leaving
+        best = restricted_to(examined, set(best.names) - set(leaving))
+        if len(little) < 2:
+            break
+    best = restricted_to(examined, set(best.names) - doubtful) if doubtful else best
+    return _Causes(best, reasons, shared, telling)
+
+
+def _verified(
+    examined: Examined, causes: _Causes, detected: bool, held_out: Sequence[Recording], tell: Callable[..., None]
+) -> tuple[_Causes, Diagnosed, Closure | None]:
+    """Causes with which the model errs less on held-out recordings, that model, and how far it closes the gap there."""
+    best, shared, reasons = causes.best, causes.shared, dict(causes.reasons)
+    while True:
+        if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some have left
+            shared = shared_out(examined, best, held_out, tell) if best.names else None
+        if shared is not None and (why := closes_too_little(shared, not examined.inexact)):
+            reasons |= dict.fromkeys(best.names, why)
+            best, shared = restricted_to(examined, set()), None
+        if held_out:
+            tell(f"verifying on {on_held_out(held_out)}")
+        closed, verified, worse = closed_model(examined, best, detected, held_out, shared)
+        if not worse:
+            return _Causes(best, reasons, shared, causes.telling), closed, verified
+        weakest = min(best.names, key=partial(gain_of, examined, examined.best))
+        reasons[weakest] = worse
+        best = restricted_to(examined, set(best.names) - {weakest})
 
 
 def _held(examined: Examined) -> str:

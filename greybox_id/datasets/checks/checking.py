@@ -52,6 +52,16 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
     return result
 
 
+def doubts(recordings: Iterable[Recording]) -> tuple[str, ...]:
+    """What makes recordings unusable, in sentences that begin with their names."""
+    return tuple(
+        f"{recording.name}: {finding.sentence}"
+        for recording in recordings
+        for finding in check(recording)
+        if finding.severity is Severity.DISTRUST
+    )
+
+
 def mended(
     read: Callable[[ColumnMap], Iterable[Recording]], columns: str, wheelbase: float | None
 ) -> tuple[ColumnMap, tuple[str, ...]]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import exp, inf, isfinite, log
 from typing import Any
 
@@ -19,7 +20,7 @@ from threadpoolctl import threadpool_limits
 from ...base.errors import BadInput
 from ...base.numbers import listed, number, the_recordings
 from ...base.shorthands import Array
-from ...datasets.checks import Severity, check
+from ...datasets.checks import doubts
 from ...datasets.recording import Recording, held_twice
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
@@ -132,11 +133,13 @@ def diagnose_change(
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, possible, vehicle)
         long = seconds_followed(model)
-        before, rides, others = ([FollowedRun.of(one, read, long) for one in part] for part in (since, after, held_out))
+        unchanged, rides, others = (
+            [FollowedRun.of(one, read, long) for one in part] for part in (since, after, held_out)
+        )
         filtered = filtered_alike([*after, *held_out, *since])
-        driven = driven_alike([*rides, *others], before) > CAL.driven
+        driven = driven_alike([*rides, *others], unchanged) > CAL.driven
         nameless = () if filtered and driven else GAINS
-        known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
+        known = usual(Follower(full, read), numbers, unchanged, tell, dict.fromkeys(nameless, CAL.filters))
         if not driven:  # model-form errors do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
@@ -147,12 +150,17 @@ def diagnose_change(
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
         base, result = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
-        elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
+        elsewhere = () if driven else (driven_elsewhere([*rides, *others], unchanged),)
     result = [one for one in result if one.place not in direct]
-    changed = _answer(
-        model, possible, vehicle, known, base, result, rides, others or rides, after, held_out, since, direct
+    names = tuple(one.name for one in after), tuple(one.name for one in held_out or after)
+    compared = _Comparison(possible, known, rides, others or rides, names, direct, result)
+    gap = _answer(compared, model, base, bool(held_out), (*doubts([*after, *since]), *elsewhere))
+    before, scatter = _before(vehicle, possible, known)
+    applied = [k for k, one in enumerate(known.numbers) if compared.effects.get(one.name) in gap.applied]
+    sds = _sds(known, [*rides, *others], compared.effects, applied)
+    return Changed(
+        gap, before, scatter, tuple(one.name for one in since), drifting(known, compared.effects, since), sds
     )
-    return replace(changed, gap=replace(changed.gap, doubts=(*changed.gap.doubts, *elsewhere)))
 
 
 def visible_changes(
@@ -234,102 +242,155 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     return not steps or max(steps) < CAL.rates * min(steps)
 
 
-def _answer(
-    model: MotionModel,
-    possible: Mapping[str, Effect],
-    vehicle: Vehicle,
-    known: Common,
-    base: RunExplained,
-    result: Sequence[Change],
-    rides: Sequence[FollowedRun],
-    others: Sequence[FollowedRun],
-    after: Sequence[Recording],
-    held_out: Sequence[Recording],
-    since: Sequence[Recording],
-    direct: Mapping[int, ByColumns],
-) -> Changed:
-    """The answer from all estimates; `direct` are the changes that two columns show by themselves."""
-    effects = {effect.parameter.name: name for name, effect in possible.items()}
-    names = {place: effects[number.name] for place, number in enumerate(known.numbers) if number.name in effects}
-    recordings = [tuple(one.name for one in part) for part in (after, held_out or after)]
+@dataclass(frozen=True)
+class _Comparison:
+    """Recordings from after, compared with the vehicle as it was before.
 
-    def closed(x: Array) -> list[Closure]:
-        return [closure(known, ones, x, each) for ones, each in zip((rides, others), recordings, strict=True)]
+    Attributes
+    ----------
+    possible : effects that may have changed, by name.
+    known : the vehicle as it was before.
+    rides, others : recordings on which changes were chosen, and on which they were judged.
+    names : of these recordings.
+    direct : changes that two columns show by themselves, by the index of their number.
+    refitted : other changes, best first.
+    """
 
-    weights = np.array([exp(min(one.least, 300.0)) for one in result])
-    sure = weights / (1.0 + np.sum(weights))
-    first = result[0] if result and result[0].least > 0 else None
-    alike = [names[one.place] for one in result[1:] if first is not None and first.least - one.least < CAL.alike]
-    directly = known.x.copy()
-    for place, by in direct.items():
-        directly[place] += by.shift
-    mean, reason, applied = directly.copy(), "", [*direct]
-    if first is not None:
-        mean[first.place] += first.shift[0]
-    chosen, judged = closed(mean)
-    if first is not None:
-        each = known.numbers[first.place]
+    possible: Mapping[str, Effect]
+    known: Common
+    rides: Sequence[FollowedRun]
+    others: Sequence[FollowedRun]
+    names: tuple[tuple[str, ...], tuple[str, ...]]
+    direct: Mapping[int, ByColumns]
+    refitted: Sequence[Change]
+
+    @cached_property
+    def effects(self) -> dict[str, str]:
+        """Effect of each number that may have changed."""
+        return {effect.parameter.name: name for name, effect in self.possible.items()}
+
+    def effect(self, place: int) -> str:
+        """Name of the effect of a number."""
+        return self.effects[self.known.numbers[place].name]
+
+    @cached_property
+    def best(self) -> Change | None:
+        """The best refitted change, if it gains what it must."""
+        return self.refitted[0] if self.refitted and self.refitted[0].least > 0 else None
+
+    @cached_property
+    def alike(self) -> tuple[str, ...]:
+        """Effects that explain the recordings about as well as the best one."""
+        if self.best is None:
+            return ()
+        return tuple(self.effect(one.place) for one in self.refitted[1:] if self.best.least - one.least < CAL.alike)
+
+    @cached_property
+    def probabilities(self) -> Array:
+        """(refitted,) of the changes: at most one of them happened."""
+        weights = np.array([exp(min(one.least, 300.0)) for one in self.refitted])
+        return np.asarray(weights / (1.0 + np.sum(weights)))
+
+    @cached_property
+    def shown(self) -> Array:
+        """Coordinates of the vehicle as it was before, with the changes that two columns show."""
+        x = self.known.x.copy()
+        for place, by in self.direct.items():
+            x[place] += by.shift
+        return x
+
+    def closures(self, x: Array) -> tuple[Closure, Closure]:
+        """How far errors close where changes were chosen, and where they were judged, with coordinates x."""
+        chosen, judged = zip((self.rides, self.others), self.names, strict=True)
+        return closure(self.known, chosen[0], x, chosen[1]), closure(self.known, judged[0], x, judged[1])
+
+    def doubt(self, x: Array, judged: Closure) -> str:
+        """Why the best change is not applied, although it gains what it must; "" if it is."""
+        assert self.best is not None
+        number = self.known.numbers[self.best.place]
         if judged.closed_interval[0] <= 0:
-            reason = "it does not improve predictions of held-out recordings"
-        elif sure[0] <= CAL.present:
-            beside = f"; {listed(alike)} would explain the recordings equally well" if alike else ""
-            reason = f"its probability is {sure[0]:.2f}, not more than one half{beside}"
-        elif not each.low < mean[first.place] < each.high:
-            reason = "it is at its bound: a symptom of another cause, not an estimate"
-        if reason:
-            mean = directly
-            chosen, judged = closed(mean)
-        else:
-            applied.append(first.place)
+            return "it does not improve predictions of held-out recordings"
+        if self.probabilities[0] <= CAL.present:
+            beside = f"; {listed(self.alike)} would explain the recordings equally well" if self.alike else ""
+            return f"its probability is {self.probabilities[0]:.2f}, not more than one half{beside}"
+        if not number.low < x[self.best.place] < number.high:
+            return "it is at its bound: a symptom of another cause, not an estimate"
+        return ""
 
-    def ranked(place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
+    def ranking(self, doubt: str) -> tuple[Ranked, ...]:
+        """Changes that two columns show, then the others; `doubt` is that about the best of these."""
+        result = [self._ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
+                  for place, by in self.direct.items()]  # fmt: skip
+        for one, p in zip(self.refitted, self.probabilities, strict=True):
+            why = doubt if one is self.best else ""
+            if one.beyond > CAL.reach_sd:
+                why = "it is implausibly large: a symptom of another cause, not an estimate"
+            sd = float(np.hypot(one.shift[1], self.known.scatter[one.place]))
+            mates = self.alike if one is self.best else ()
+            result.append(
+                self._ranked(one.place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why)
+            )
+        return tuple(result)
+
+    def _ranked(self, place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
         """An effect with its magnitude."""
-        number, unit = known.numbers[place], possible[names[place]].parameter.unit
-        at = np.clip(known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
+        number, name = self.known.numbers[place], self.effect(place)
+        at = np.clip(self.known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
         low, size, high = (number.value(each) for each in at)
-        return Ranked(names[place], float(probability), size, unit, (low, high), gain=gain, **more)
+        unit = self.possible[name].parameter.unit
+        return Ranked(name, float(probability), size, unit, (low, high), gain=gain, **more)
 
-    ranking = [ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
-               for place, by in direct.items()]  # fmt: skip
-    for one, p in zip(result, sure, strict=True):
-        why = reason if one is first else ""
-        if one.beyond > CAL.reach_sd:
-            why = "it is implausibly large: a symptom of another cause, not an estimate"
-        sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
-        mates = tuple(alike) if one is first else ()
-        ranking.append(ranked(one.place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why))
-    loud = loudness(known, rides, base)
+    def by_chance(self) -> float:
+        """How often an unchanged vehicle would show as much, at most: the mean of a ratio of evidences is one."""
+        most = max((one.total for one in self.refitted), default=0.0)
+        return min([1.0, len(self.known.varying) * exp(-most), *(1.0 - by.probability for by in self.direct.values())])
+
+
+def _answer(
+    compared: _Comparison,
+    model: MotionModel,
+    base: RunExplained,
+    held_out: bool,
+    doubts: tuple[str, ...],
+) -> Gap:
+    """The gap to the vehicle as it was before; `base` explains the recordings without a change."""
+    known, best = compared.known, compared.best
+    mean, reason, applied = compared.shown.copy(), "", [*compared.direct]
+    if best is not None:
+        mean[best.place] += best.shift[0]
+    chosen, judged = compared.closures(mean)
+    if best is not None:
+        reason = compared.doubt(mean, judged)
+        if reason:
+            mean = compared.shown
+            chosen, judged = compared.closures(mean)
+        else:
+            applied.append(best.place)
+    loud = loudness(known, compared.rides, base)
     odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
-    channels = channels_of(known, rides)
+    channels = channels_of(known, compared.rides)
     shows = bool(applied) or unknown > 0.5
-    by_chance = len(known.varying) * exp(-max((one.total for one in result), default=0.0))
-    gap = Gap(
+    names = {place: compared.effect(place) for place in applied}
+    return Gap(
         model=model.name,
-        recordings=recordings[0],
-        doubts=tuple(
-            f"{one.name}: {finding.sentence}"
-            for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
-        ),
+        recordings=compared.names[0],
+        doubts=doubts,
         gap_detected=shows,
-        # at most, by Markov's inequality: the mean of a ratio of evidences is one
-        p_value=min([1.0, by_chance, *(1.0 - by.probability for by in direct.values())]),
+        p_value=compared.by_chance(),
         unknown_probability=unknown,
         unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
         where=Where(channel=max(channels, key=lambda name: channels[name]) if shows else "", channels=channels),
-        ranking=tuple(ranking),
+        ranking=compared.ranking(reason),
         applied=tuple(names[place] for place in applied),
         gap=chosen,
         held_out=judged if held_out else None,
         not_excited={},
         absorbed=(),
         advice=(),
-        closed=_model_at(model, possible, known, mean),
-        budget=budget_of(known, others, mean, applied, names, judged, bool(held_out)),
-    )  # fmt: skip
-    before, scatter = _before(vehicle, possible, known)
-    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
-                   _sds(known, [*rides, *others], effects, applied))  # fmt: skip
+        closed=_model_at(model, compared.possible, known, mean),
+        budget=budget_of(known, compared.others, mean, applied, names, judged, held_out),
+    )
 
 
 def _before(

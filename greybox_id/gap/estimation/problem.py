@@ -94,6 +94,14 @@ class Linear(NamedTuple):
         return self.columns[:, 1:]
 
 
+class _Difference(NamedTuple):
+    """Parameter vectors between which residuals are divided by a step; none below stands for the present ones."""
+
+    above: Array
+    below: Array | None
+    step: float
+
+
 class JointProblem:
     """Recordings, and everything that may explain them.
 
@@ -197,106 +205,95 @@ class JointProblem:
         precision : (causes,) prior precisions of magnitudes, for choosing these starts.
         """
         state = self._at_probes(state)
-        p = self.vector(state)
-        smooth = [k for k in range(len(self.causes)) if self.smooth[k]]
-        ons = [k for k in range(len(self.causes)) if state.on[k] and not self.smooth[k]]
-        seconds = [(k, j, axis) for k in ons for j, axis in enumerate(self._form(state, k).candidate.axes[1:])
-                   if axis.low < axis.high]  # fmt: skip
-        indices = [axis.index for axis in self.tolerances] + [self.causes[k].main.index for k in smooth]
-        indices += [axis.index for _, _, axis in seconds]
-        _, J, S = self.bench.linearise(p, indices)
-        nt, E = len(self.tolerances), len(self.causes)
-        by_seconds = J[:, :, nt + len(smooth) :] * _by_coordinates(p, [axis for _, _, axis in seconds])
+        p, nt, E = self.vector(state), len(self.tolerances), len(self.causes)
+        ons = [k for k in range(E) if state.on[k] and not self.smooth[k]]
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
-        requested: list[tuple[Array, float]] = [(p, 1.0)]
-        shifted = dict[int, Array]()  # of delays: the vectors below, by place among those requested
-        for k in ons:
-            if self.causes[k].main.shift:
-                below, above, step = self._around_delay(p, state, k)
-                shifted[len(requested)] = below
-                requested.append((above, step))
-            else:
-                requested.append(self._stepped_magnitude(p, state, k))
-        for k in jumps:
-            q = p.copy()
-            q[self.causes[k].main.index] = CAL.at_once * self.zone[k]
-            requested.append((q, 1.0))
-        for axis in self.shifts:
-            q = p.copy()
-            q[axis.index] = axis.value(axis.mean + axis.sd)
-            requested.append((q, axis.sd))
+        seconds = [(k, j, axis) for k in ons for j, axis in enumerate(self._form(state, k).candidate.axes[1:])
+                   if axis.low < axis.high]  # fmt: skip
         kept = [] if probe else [k for k in offs if k in self._slopes]
         starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, probe)]
-        for k, f, s in starts:
-            cause = self.causes[k]
-            q = p.copy()
-            self._place(q, k, f, cause.forms[f].starts[s])
-            requested.append((q, cause.forms[f].starts[s][0] - cause.main.null))
-        e = self.residuals([*(q for q, _ in requested), *shifted.values()])
-        e, before = e[: len(requested)], dict(zip(shifted, e[len(requested) :], strict=True))
-        slopes = e[1:]  # a view
-        for place, (slope, (_, step)) in enumerate(zip(slopes, requested[1:], strict=True), 1):
-            slope -= before.get(place, e[0])
-            slope /= step
+        e, slopes = self._differences(p, [
+            *(self._by_magnitude(p, state, k) for k in ons),
+            *(_Difference(_with(p, self.causes[k].main, CAL.at_once * self.zone[k]), None, 1.0) for k in jumps),
+            *(_Difference(_with(p, axis, axis.value(axis.mean + axis.sd)), None, axis.sd) for axis in self.shifts),
+            *(self._probe(p, *start) for start in starts),
+        ])  # fmt: skip
+        by_mains, by_seconds, by_starts = self._derivatives(p, [axis for _, _, axis in seconds])
+        for k, slope in [*zip(ons, slopes, strict=False), *((k, self._slopes[k]) for k in kept)]:
+            by_mains[:, :, nt + k] = slope
+        others = np.moveaxis(slopes[len(ons) :], 0, 2)  # jumps, shifts and probes
+        every = np.concatenate([e[:, :, None], by_mains, by_seconds, by_starts, others], axis=2)
+        white = whitener.white(_limited(every)).reshape(-1, every.shape[2])
+        count, at_mains = every.shape[2] - len(starts), 1 + nt
+        if starts:
+            known = np.setdiff1d(np.arange(E), [k for k, *_ in starts])
+            beside = np.r_[1:at_mains, at_mains + E : count, at_mains + known]
+            precisions = np.concatenate([self._precisions(whitener, seconds, len(jumps)), precision[known]])
+            state = self._with_best_probes(state, starts, white, beside, precisions)
+        for (k, f, s), column, slope in zip(starts, white.T[count:], slopes[len(slopes) - len(starts) :], strict=True):
+            if (f, s) == self._probes.get(k):
+                white[:, at_mains + k], self._slopes[k] = column, slope.copy()
+        for k in ons:
+            self._slopes.pop(k, None)
+        return state, self._linear(state, white[:, :count], seconds, whitener, by_starts.shape[2], len(jumps))
+
+    def _derivatives(self, p: Array, seconds: Sequence[Axis]) -> tuple[Array, Array, Array]:
+        """Of residuals by tolerances and magnitudes, by second parameters, and by the starts of runs.
+
+        Columns of magnitudes that the bench does not differentiate by are zero.
+        """
+        nt, smooth = len(self.tolerances), np.flatnonzero(self.smooth)
+        axes = [*self.tolerances, *(self.causes[k].main for k in smooth), *seconds]
+        _, J, S = self.bench.linearise(p, [axis.index for axis in axes])
+        mixed = np.zeros((nt + len(smooth), nt + len(self.causes)))
+        mixed[:nt, :nt] = self.mix * _by_coordinates(p, self.tolerances)[:, None]
+        mixed[nt + np.arange(len(smooth)), nt + smooth] = 1.0
+        by_mains = np.tensordot(J[:, :, : len(mixed)], mixed, axes=1)
+        return by_mains, J[:, :, len(mixed) :] * _by_coordinates(p, seconds), S
+
+    def _differences(self, p: Array, requested: Sequence[_Difference]) -> tuple[Array, Array]:
+        """(N, channels) residuals at p, and (K, N, channels) difference quotients; those that diverge are zero."""
+        K, centred = len(requested), [k for k, each in enumerate(requested) if each.below is not None]
+        e = self.residuals([p, *(each.above for each in requested),
+                            *(each.below for each in requested if each.below is not None)])  # fmt: skip
+        before = dict(zip(centred, e[1 + K :], strict=True))
+        slopes = e[1 : 1 + K]  # a view
+        for k, (slope, each) in enumerate(zip(slopes, requested, strict=True)):
+            slope -= before.get(k, e[0])
+            slope /= each.step
         with np.errstate(all="ignore"):
             finite = np.isfinite(np.sum(slopes))
         if not finite:
             slopes[~np.isfinite(slopes)] = 0.0
-        a, b, c = len(ons), len(ons) + len(jumps), len(ons) + len(jumps) + len(self.shifts)
-        at_mains = 1 + nt
-        at_seconds = at_mains + E
-        at_first = at_seconds + len(seconds)
-        at_starts = at_first + S.shape[2] + c - a
-        every = np.empty((*self.bench.measured.shape, at_starts + len(starts)))
-        mixed = np.zeros((nt + len(smooth), nt + E))
-        mixed[:nt, :nt] = self.mix * _by_coordinates(p, self.tolerances)[:, None]
-        mixed[nt + np.arange(len(smooth)), [nt + k for k in smooth]] = 1.0
-        every[:, :, 0] = e[0]
-        every[:, :, 1:at_seconds] = np.tensordot(J[:, :, : len(mixed)], mixed, axes=1)
-        for k, slope in [*zip(ons, slopes, strict=False), *((k, self._slopes[k]) for k in kept)]:
-            every[:, :, at_mains + k] = slope
-        every[:, :, at_seconds:at_first], every[:, :, at_first : at_first + S.shape[2]] = by_seconds, S
-        every[:, :, at_first + S.shape[2] :] = np.moveaxis(slopes[a:], 0, 2)
-        white = whitener.white(_limited(every)).reshape(-1, every.shape[2])
-        if starts:
-            others = np.array([k for k in range(E) if k not in {k for k, *_ in starts}], dtype=np.intp)
-            rest = np.r_[1:at_mains, at_seconds:at_starts]
-            known = self._precisions(whitener, seconds, b - a), precision[others]
-            state = self._with_best_probes(state, starts, white, np.r_[rest, at_mains + others], np.concatenate(known))
-        for place, (k, f, s) in enumerate(starts):
-            if (f, s) == self._probes.get(k):
-                white[:, at_mains + k], self._slopes[k] = white[:, at_starts + place], slopes[c + place].copy()
-        for k in ons:
-            self._slopes.pop(k, None)
-        return state, self._linear(state, white[:, :at_starts], seconds, whitener, S.shape[2], b - a)
+        return e[0], slopes
 
     def _form(self, state: JointState, k: int) -> Form:
         return self.causes[k].forms[state.form[k]]
 
-    def _stepped_magnitude(self, p: Array, state: JointState, k: int) -> tuple[Array, float]:
-        """A vector with the magnitude of a simulated cause moved a little, and the step by which it is."""
-        cause, m = self.causes[k], float(state.m[k])
-        size = max(abs(m - cause.main.null), 0.3 * cause.usual)
-        step = 0.02 * size
-        if m + step > self.high[k]:
-            step = -step
-        q = p.copy()
-        q[cause.main.index] = cause.main.value(m + step)
-        return q, step
+    def _by_magnitude(self, p: Array, state: JointState, k: int) -> _Difference:
+        """The difference by the magnitude of a simulated cause.
 
-    def _around_delay(self, p: Array, state: JointState, k: int) -> tuple[Array, Array, float]:
-        """Vectors half a row below and above a simulated delay, less far where it is shorter, and their distance.
-
-        A difference to one side alone describes what would be a row later: a step that follows it may raise the cost,
-        and is then refused together with the steps of all other coordinates.
+        About a delay it is centred, half a row to either side, less far where the delay is shorter. A difference to one
+        side alone describes what would be a row later: a step that follows it may raise the cost, and is then refused
+        together with the steps of all other coordinates.
         """
         axis, m = self.causes[k].main, float(state.m[k])
-        half = min(max(0.5 * self.bench.sample_time, 0.05 * (m - axis.null)), CAL.within_delay * (m - axis.null))
-        start, end = m - half, min(m + max(half, CAL.shifted), float(self.high[k]))
-        below, above = p.copy(), p.copy()
-        below[axis.index], above[axis.index] = axis.value(start), axis.value(end)
-        return below, above, max(end - start, CAL.shifted)
+        if axis.shift:
+            half = min(max(0.5 * self.bench.sample_time, 0.05 * (m - axis.null)), CAL.within_delay * (m - axis.null))
+            start, end = m - half, min(m + max(half, CAL.shifted), float(self.high[k]))
+            below, above = (_with(p, axis, axis.value(x)) for x in (start, end))
+            return _Difference(above, below, max(end - start, CAL.shifted))
+        step = 0.02 * max(abs(m - axis.null), 0.3 * self.causes[k].usual)
+        if m + step > self.high[k]:
+            step = -step
+        return _Difference(_with(p, axis, axis.value(m + step)), None, step)
+
+    def _probe(self, p: Array, k: int, form: int, start: int) -> _Difference:
+        """The secant of a cause from its null to one of its starts."""
+        q, at = p.copy(), self.causes[k].forms[form].starts[start]
+        self._place(q, k, form, at)
+        return _Difference(q, None, at[0] - self.causes[k].main.null)
 
     def _starts(self, state: JointState, k: int, probe: bool) -> list[tuple[int, int]]:
         """(form, start) pairs from which a cause that is not simulated is probed."""
@@ -413,6 +410,13 @@ class JointProblem:
                         seconds[k][j] = x[place]
                         place += 1
         return JointState(x[:nt], m, tuple(tuple(second) for second in seconds), state.form, on.copy())
+
+
+def _with(p: Array, axis: Axis, value: float) -> Array:
+    """Parameters with another value of one."""
+    q = p.copy()
+    q[axis.index] = value
+    return q
 
 
 def _by_coordinates(p: Array, axes: Sequence[Axis]) -> Array:
