@@ -69,37 +69,17 @@ def load(path: str | Path, build: Build) -> Fit:
 
 def _sound(fit: Fit) -> Fit:
     """The fit, if its content is reliable. Raises `TypeError` or `ValueError` otherwise."""
-    if not fit.stages and "imported" not in fit.how:
-        raise ValueError("it has no stages, and was not imported")
-    for k, stage in enumerate(fit.stages):
-        _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
-        _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
-        if len({frozenset(item) for item in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
-            raise ValueError(f"the starts in stages[{k}] do not all list the values of the same parameters")
+    _must_have_sound_stages(fit)
+    _must_have_sound_metrics(fit)
     for name, sd in fit.sd.items():
         _sizes(sd, f"standard deviation of {name}")
     if fit.covariance is not None:
         _of_covariance(fit.covariance)
-    for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
-        numbers = {name: value for name, value in error.items() if name != "diverges"}  # "diverges" is no number
-        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], numbers, "metrics").keys():
-            raise ValueError("its metrics are not complete")
-        _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
-    if not isinstance(fit.model, MemoryModel) and any(
-        metric and FREE_RUN not in metric for metric in fit.metrics.values()
-    ):
-        raise ValueError("its metrics are not complete")
     for name, kind in CHOICES.items():
         if name in fit.how:
             of_plain(kind, fit.how[name], f"how.{name}")
     for record in fit.data:
-        if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
-            raise ValueError(f"its record of {record.name!r:.60} is not that of a recording")
-        if record.between:
-            try:
-                span(record.between)
-            except BadInput as error:
-                raise ValueError(f"in its record of {record.name!r:.60}, {error}") from error
+        _must_be_of_a_recording(record)
     for name, values in fit.per_run.items():
         if name not in fit.model or np.shape(values)[1:] != fit.model[name].shape:
             raise ValueError(f"its values of {name!r:.60} by run are not those of a parameter")
@@ -107,6 +87,37 @@ def _sound(fit: Fit) -> Fit:
         if np.shape(values) not in ((), fit.model[name].shape):
             raise ValueError(f"its degrees of freedom of {name} have shape {np.shape(values)}")
     return fit
+
+
+def _must_have_sound_stages(fit: Fit) -> None:
+    if not fit.stages and "imported" not in fit.how:
+        raise ValueError("it has no stages, and was not imported")
+    for k, stage in enumerate(fit.stages):
+        _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
+        _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
+        if len({frozenset(item) for item in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
+            raise ValueError(f"the starts in stages[{k}] do not all list the values of the same parameters")
+
+
+def _must_have_sound_metrics(fit: Fit) -> None:
+    for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
+        numbers = {name: value for name, value in error.items() if name != "diverges"}  # "diverges" is no number
+        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], numbers, "metrics").keys():
+            raise ValueError("its metrics are not complete")
+        _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
+    free_run = not isinstance(fit.model, MemoryModel)
+    if free_run and any(metric and FREE_RUN not in metric for metric in fit.metrics.values()):
+        raise ValueError("its metrics are not complete")
+
+
+def _must_be_of_a_recording(record: DataRecord) -> None:
+    if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
+        raise ValueError(f"its record of {record.name!r:.60} is not that of a recording")
+    if record.between:
+        try:
+            span(record.between)
+        except BadInput as error:
+            raise ValueError(f"in its record of {record.name!r:.60}, {error}") from error
 
 
 def _sizes(values: ArrayLike, what: str) -> None:

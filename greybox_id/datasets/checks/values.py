@@ -307,14 +307,25 @@ def check_time(recording: Recording) -> list[Finding]:
         sentence = "time never increases from one row to the next; check which column holds it."
         return [*findings, _clock("still", Severity.DISTRUST, sentence, np.arange(0))]
     if not sample_time_believable(dt):
-        believable = {item: dt * size for item, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}
-        likely = min(believable, key=lambda item: abs(np.log(believable[item] / MIDDLE_STEP)), default="")
-        remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
-        sentence = (
-            f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), a rate at which no vehicle's motion is "
-            f"recorded; {remedy} under [time] in the column map."
-        )
-        findings.append(Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s"))
+        findings.append(_unit_of_time(dt))
+    return [*findings, *_uneven_steps(recording, bool(missing.size)), *_jitter(recording, dt)]
+
+
+def _unit_of_time(dt: float) -> Finding:
+    """The finding that time steps as no recording's does, with the unit for which it would."""
+    believable = {item: dt * size for item, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}
+    likely = min(believable, key=lambda item: abs(np.log(believable[item] / MIDDLE_STEP)), default="")
+    remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
+    sentence = (
+        f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), a rate at which no vehicle's motion is "
+        f"recorded; {remedy} under [time] in the column map."
+    )
+    return Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s")
+
+
+def _uneven_steps(recording: Recording, missing: bool) -> list[Finding]:
+    """Findings about rows that do not follow the one before in the usual step; `missing` if some have no time."""
+    time, dt, findings = recording.time, recording.sample_time, list[Finding]()
     starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a condition makes gaps
     steps = {row: float(time[row] - time[row - 1]) for row in starts if np.isfinite(time[row - 1 : row + 1]).all()}
     still = [row for row, step in steps.items() if step == 0]
@@ -336,7 +347,7 @@ def check_time(recording: Recording) -> list[Finding]:
         )
         findings.append(_clock("backwards", Severity.DISTRUST, sentence, disordered, most, "s"))
     if back and len(back) <= BROKEN_SHARE * len(recording):
-        findings.append(_clock_set_back(recording, back, even=not (gaps or disordered or still or missing.size)))
+        findings.append(_clock_set_back(recording, back, even=not (gaps or disordered or still or missing)))
     if gaps and len(gaps) <= BROKEN_SHARE * len(recording):
         longest = max(gaps, key=lambda row: steps[row])
         sentence = (
@@ -352,7 +363,7 @@ def check_time(recording: Recording) -> list[Finding]:
         findings.append(_clock("irregular", Severity.DISTRUST, sentence, starts, len(starts) / len(recording)))
     elif joins:
         findings.append(_joins(recording, joins, steps))
-    return findings + _jitter(recording, dt)
+    return findings
 
 
 def _set_back(recording: Recording, steps: dict[int, float]) -> dict[int, float]:

@@ -117,12 +117,8 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     files = tuple(map(str, path)) if not isinstance(path, str | Path) else ()
     plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {})
     result = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
-    guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
-    if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command to go with it
-        guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
     rig = of_a_tyre_rig(result.names)
-    if rig:  # its forces are not a vehicle's drive force
-        guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
+    guesses = _guesses(result, rig)
     numbers, labels, texts = _numbers(result, guesses)
     numbers, codes = readings(result, guesses, numbers)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
@@ -144,6 +140,37 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
         return replace(draft, entries=(*open_ones, *rivals))
     raw = _raw(draft, chosen)
     chosen, raw = headings(chosen, guesses, raw)
+    decided = _decided(chosen, raw, guesses, stated, numbers, wheelbase)
+    if len(result.groups) == 1:
+        unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
+        rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
+        rivals = [in_no_unit(with_codes(entry, codes)) for entry in rivals]
+        others = tuple(name for name in others if name not in {entry.column for entry in rivals})
+    if draft.files:
+        decided, rivals = _shared(decided, rivals, guesses, result, draft)
+    final = replace(draft, entries=(*decided, *rivals), others=others)
+    return replace(final, findings=_findings(final, wheelbase))
+
+
+def _guesses(result: Contents, rig: bool) -> dict[str, Guess]:
+    """What columns may hold, by their names; of a tyre rig the time alone, as its forces are no vehicle's."""
+    guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
+    if rig:
+        return {name: guess for name, guess in guesses.items() if guess.signal == TIME}
+    if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command to go with it
+        guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
+    return guesses
+
+
+def _decided(
+    chosen: Sequence[MapEntry],
+    raw: Recording,
+    guesses: Mapping[str, Guess],
+    stated: Mapping[str, str],
+    numbers: Mapping[str, Array],
+    wheelbase: float | None,
+) -> list[MapEntry]:
+    """Entries with the units and signs for which channels agree; a question where several do."""
     present = [entry for entry in chosen if entry.signal in raw and np.isfinite(raw[entry.signal]).any()]
     hand_wheel = any(e.signal == "steer" and guesses[e.column].signal == HAND_WHEEL for e in present)
     decided = by_gravity(with_units(present, raw, wheelbase, hand_wheel), numbers)
@@ -160,16 +187,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
         for e in decided
     ]
     decided = [_as_commanded(entry, decided, raw) for entry in decided]
-    decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
-    if len(result.groups) == 1:
-        unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
-        rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
-        rivals = [in_no_unit(with_codes(entry, codes)) for entry in rivals]
-        others = tuple(name for name in others if name not in {entry.column for entry in rivals})
-    if draft.files:
-        decided, rivals = _shared(decided, rivals, guesses, result, draft)
-    final = replace(draft, entries=(*decided, *rivals), others=others)
-    return replace(final, findings=_findings(final, wheelbase))
+    return [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
 
 
 def _candidates(

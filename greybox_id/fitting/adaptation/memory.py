@@ -82,83 +82,121 @@ def tuned_in_sample(fit: Fit, recording: Recording) -> dict[str, dict[str, float
 @adapted.register(MemoryModel)
 def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     clock = time.process_time()
-    fit, recording, seconds, free, validate = task.fit, task.recording, task.seconds, task.free, task.validate
-    trained, calibrate, say = task.trained, task.calibrate, task.say
+    fit, recording, seconds, validate = task.fit, task.recording, task.seconds, task.validate
     parts = [about_itself(part_with_few(part)) for part in parts_of(model)]
-    if free != "auto":
-        must_name_something(free, parts)
+    if task.free != "auto":
+        must_name_something(task.free, parts)
     new, rest = parted(recording, seconds)
     rest = rest if validate is None else validate
     if validate is not None:
         validate.must_run()
     noise = residual_noise(fit, new)
-    ways: dict[str, dict[str, _Way]] = {"chosen": {}, "zero_shot": {}, "adapted": {}}
-    tried: dict[str, list[tuple[str, float]]] = {}
-    new_delays: dict[str, list[RunDelay]] = {}
-    scatter: dict[str, float] = {}
-    for part in parts:
-        name = part.outputs[0]
-        say(f"{name}: comparing sets of free parameters on {seconds:g} s")
-        precision, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
-        new_delays[name] = run_delays(part, new, noise)
-        aligned_new = aligned(new, part.inputs, {item.run: item.delay for item in new_delays[name]})
-        as_it_is, moved = (LinearisedPart(part, item, noise, precision) for item in (new, aligned_new))
-        candidates = _candidates(as_it_is, moved, free)
-        unchanged = candidates[0]
-        best = chosen(candidates)
-        other = chosen([item for item in candidates if item is not unchanged]) if len(candidates) > 1 else unchanged
-        made = {id(item): _way(item, moved if item.timing else as_it_is, fit) for item in (unchanged, best, other)}
-        ways["chosen"][name], ways["zero_shot"][name] = made[id(best)], made[id(unchanged)]
-        ways["adapted"][name] = made[id(other)] if best is unchanged else made[id(best)]
-        tried[name] = [(item.words, item.error) for item in candidates]
-    models = {role: _whole(model, list(way.values())) for role, way in ways.items()}
-    going_on = validate is None and _continues(recording, len(new))
-    outcomes: dict[str, Outcome] = {}
-    calibrated: dict[str, list[RunDelay]] = {}
-    delays_of_way: dict[int, list[RunDelay]] = {}
-    for role, item in ways.items():
-        scored: dict[str, Error] = {}
+    compared = {part.outputs[0]: _compared(part, task, new, noise) for part in parts}
+    models = {role: _whole(model, [each.ways[role] for each in compared.values()]) for role in ROLES}
+    goes_on = validate is None and _continues(recording, len(new))
+    scored = _Scored(task, rest, noise, goes_on)
+    outcomes = {role: scored.outcome(models[role], parts, compared, role) for role in ROLES}
+    final, ways = models["chosen"], {name: each.ways["chosen"] for name, each in compared.items()}
+    delays = {name: each.delays for name, each in compared.items()}
+    in_sample = _in_sample(final, parts, new, delays, ways)
+    choices = {name: way.candidate.words for name, way in ways.items()}
+    return Adaptation(
+        fit=_fit(fit, final, new, ways, choices),
+        chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"], choices=choices,
+        tried={name: each.tried for name, each in compared.items()},
+        delays=_named({name: delays[name] for name, way in ways.items() if way.candidate.timing}),
+        calibrated=_named({name: scored.delays[id(way)] for name, way in ways.items()} if rest is not None else {}),
+        moved=moved_from(fit, final), seconds=float(seconds), in_sample=in_sample,
+        cpu_seconds=time.process_time() - clock,
+    )  # fmt: skip
+
+
+ROLES = ("chosen", "zero_shot", "adapted")
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """Adaptations of a part that were compared on the new seconds.
+
+    Attributes
+    ----------
+    ways : role -> way.
+    tried : words of each candidate, and its error.
+    delays : of the runs of the new seconds.
+    scatter : of the part between runs.
+    """
+
+    ways: Mapping[str, _Way]
+    tried: list[tuple[str, float]]
+    delays: list[RunDelay]
+    scatter: float
+
+
+def _compared(part: MemoryModel, task: AdaptTask, new: Recording, noise: Mapping[str, float]) -> _Compared:
+    task.say(f"{part.outputs[0]}: comparing sets of free parameters on {task.seconds:g} s")
+    precision, scatter = learnt(part, noise, task.fit.sd, task.trained), between_runs(part, task.trained)
+    delays = run_delays(part, new, noise)
+    aligned_new = aligned(new, part.inputs, {item.run: item.delay for item in delays})
+    as_it_is, moved = (LinearisedPart(part, item, noise, precision) for item in (new, aligned_new))
+    candidates = _candidates(as_it_is, moved, task.free)
+    unchanged = candidates[0]
+    best = chosen(candidates)
+    other = chosen([item for item in candidates if item is not unchanged]) if len(candidates) > 1 else unchanged
+    made = {id(item): _way(item, moved if item.timing else as_it_is, task.fit) for item in (unchanged, best, other)}
+    adapted_most = other if best is unchanged else best
+    ways = {"chosen": made[id(best)], "zero_shot": made[id(unchanged)], "adapted": made[id(adapted_most)]}
+    return _Compared(ways, [(item.words, item.error) for item in candidates], delays, scatter)
+
+
+class _Scored:
+    """Errors of adapted models on what follows the new seconds, or on a recording to validate on; none without these.
+
+    Parameters
+    ----------
+    task : of the adaptation.
+    rest : what errors are computed on.
+    noise : of each output.
+    goes_on : whether the first run of the rest continues the new seconds.
+    """
+
+    def __init__(self, task: AdaptTask, rest: Recording | None, noise: Mapping[str, float], goes_on: bool) -> None:
+        self.calibrate, self.rest, self.noise, self.goes_on = task.calibrate, rest, noise, goes_on
+        self.delays: dict[int, list[RunDelay]] = {}
+
+    def outcome(
+        self, model: MemoryModel, parts: Sequence[MemoryModel], compared: Mapping[str, _Compared], role: str
+    ) -> Outcome:
+        """Errors, and those that were expected, of the model of one role."""
+        scored, expected = dict[str, Error](), dict[str, tuple[float, float]]()
+        length = 0.0 if self.rest is None else self.rest.duration
         for part in parts:
-            if rest is None:
-                break
-            way, name = item[part.outputs[0]], part.outputs[0]
-            adapted_part = _part_of(models[role], part)
-            if id(way) not in delays_of_way:
-                last = new_delays[name][-1] if going_on else None
-                delays_of_way[id(way)] = _rest_delays(adapted_part, rest, noise, calibrate, last, way.candidate.timing)
-            delays = delays_of_way[id(way)]
-            scored |= errors_after(adapted_part, rest, delays)
-            if role == "chosen":
-                calibrated[part.outputs[0]] = delays
-        length = 0.0 if rest is None else rest.duration
-        expected = {
-            output: foretold(item[part.outputs[0]].candidate.pieces, length, noise[output], scatter[part.outputs[0]])
-            for part in parts
-            for output in part.outputs
-        }
-        name = " and ".join(dict.fromkeys(way.candidate.words for way in item.values()))
-        outcomes[role] = Outcome(name, scored, expected)
-    final = models["chosen"]
-    sd = {
-        parameter.name: fit.sd.get(parameter.name, np.full(parameter.shape, np.nan)) for parameter in final.parameters
-    }
-    for way in ways["chosen"].values():
+            each = compared[part.outputs[0]]
+            way = each.ways[role]
+            if self.rest is not None:
+                adapted_part = _part_of(model, part)
+                if id(way) not in self.delays:
+                    last = each.delays[-1] if self.goes_on else None
+                    self.delays[id(way)] = _rest_delays(
+                        adapted_part, self.rest, self.noise, self.calibrate, last, way.candidate.timing
+                    )
+                scored |= errors_after(adapted_part, self.rest, self.delays[id(way)])
+            for output in part.outputs:
+                expected[output] = foretold(way.candidate.pieces, length, self.noise[output], each.scatter)
+        name = " and ".join(dict.fromkeys(each.ways[role].candidate.words for each in compared.values()))
+        return Outcome(name, scored, expected)
+
+
+def _fit(fit: Fit, final: MemoryModel, new: Recording, ways: Mapping[str, _Way], choices: Mapping[str, str]) -> Fit:
+    """The fit of the adapted model."""
+    sd = {item.name: fit.sd.get(item.name, np.full(item.shape, np.nan)) for item in final.parameters}
+    for way in ways.values():
         sd |= way.sd
-    in_sample = _in_sample(final, parts, new, new_delays, ways["chosen"])
-    stages = tuple(way.stage for way in ways["chosen"].values() if way.stage is not None)
-    result = replace(
+    stages = tuple(way.stage for way in ways.values() if way.stage is not None)
+    return replace(
         fit, model=final, sd={item.name: np.broadcast_to(sd[item.name], item.shape) for item in final.parameters},
         stages=(*fit.stages, *stages), dof={}, covariance=None, per_run={}, verdict=None,
         metrics={"train": as_dict(score(final, new))},
-        data=(data_record(new, "train"),),
-        how={**fit.how, "adapted": {name: way.candidate.words for name, way in ways["chosen"].items()}},
-    )  # fmt: skip
-    return Adaptation(
-        fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
-        choices={name: way.candidate.words for name, way in ways["chosen"].items()}, tried=tried,
-        delays=_named({name: new_delays[name] for name, way in ways["chosen"].items() if way.candidate.timing}),
-        calibrated=_named(calibrated), moved=moved_from(fit, final), seconds=float(seconds), in_sample=in_sample,
-        cpu_seconds=time.process_time() - clock,
+        data=(data_record(new, "train"),), how={**fit.how, "adapted": dict(choices)},
     )  # fmt: skip
 
 

@@ -19,13 +19,12 @@ from ...base.numbers import listed, number, quantity
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
-from ...models.hybrid_model import HybridModel
 from ...models.model import Model
-from ...models.motion_model import MotionModel
-from ..fit import NOT_USABLE, SURPRISING, UNDETERMINED, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
+from ..fit import NOT_USABLE, USABLE, WITH_CARE, Fit, Reason, Verdict, weighed
 from ..provenance import DataRecord
+from .estimation import estimation
 from .metrics import FREE_RUN, Error, Scores, ahead, standard_error
-from .misfit import foreign_form, misfit
+from .misfit import misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
@@ -47,19 +46,8 @@ MANY = 100
 """Largest ratio that is printed as a number."""
 MEAN = 1.0
 """Unexplained share of variance of a prediction by the mean of the readings."""
-FOREIGN_PRIOR, FARTHEST = 8.0, 10.0
-"""Distance of an estimate from its prior mean, in prior standard deviations, that means another vehicle: the first if
-it is also three of its own standard deviations, the second in any case. Within tolerances, model errors move estimates
-by up to six."""
-ANOTHER = 0.14
-"""Relative change of a wheelbase or a steering ratio that means another vehicle: twice as far as model errors moved
-true wheelbases (`uncertainty/stated.py`)."""
-CORNER = 0.5
-"""Share of free parameters at bounds above which an optimum is a corner, not a vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
 """Largest share of diverging runs, and of diverging predictions over a horizon, of a usable fit."""
-ALIKE = 0.01
-"""Relative difference of objectives within which two starts count as having the same optimum."""
 
 
 def judged(
@@ -90,7 +78,7 @@ def judged(
     roles = [role for role in value if role != TRAINED] or list(value)
     reasons = [
         *_trusted(fit, findings),
-        *_estimation(fit),
+        *estimation(fit),
         *_held_out(fit, fit.data if data is None else data),
         *more,
     ]
@@ -123,14 +111,12 @@ def conditional(fit: Fit, verdict: Verdict) -> Verdict:
 def times_as_large(scores: Scores, other: Scores) -> float:
     """Ratio of errors to those of another model on the same rows: geometric mean over outputs and judged horizons."""
     judged = [name for name in scores if name != ahead(0.1)] or list(scores)
-    each = [
+    return _mean_ratio(
         _ratio(scores[name][output], other[name][output])
         for name in judged
         for output in scores[name]
         if output in other.get(name, {})
-    ]
-    each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
-    return float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6))))) if each else np.nan
+    )
 
 
 def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = False) -> list[Finding]:
@@ -169,102 +155,6 @@ def used_signals(model: Model) -> tuple[str, ...]:
 
 def _channels(finding: Finding) -> list[str]:
     return finding.where.channel.replace(",", " ").replace("·", " ").split()
-
-
-def _moved(fit: Fit) -> bool:
-    """Whether any parameter changed in the fit: after short horizons, the last solve may need no step."""
-    before = fit.how.get("unfitted", {})
-    return any(not np.isclose(float(fit.model[name].array), item, rtol=1e-9, atol=0.0) for name, item in before.items())
-
-
-def _estimation(fit: Fit) -> Iterator[Reason]:
-    """Reasons from the estimation: optimum, starts, priors and bounds."""
-    values = [p.array for p in fit.model.parameters if not p.fixed]
-    if not all(np.all(np.isfinite(value)) for value in values):
-        yield Reason(NOT_USABLE, "An estimate is not a finite number.")
-    for stage in fit.stages[-1:]:
-        if stage.steps == 0 and not stage.confirmed and not _moved(fit):
-            yield Reason(NOT_USABLE, "The solver took no step and no optimum is confirmed: nothing was estimated.")
-        elif "interrupted" in stage.status:
-            yield Reason(WITH_CARE, "The fit was interrupted; there are no intervals.")
-        elif not stage.confirmed and isinstance(fit.model, MotionModel):
-            yield Reason(WITH_CARE, f"The optimum is not confirmed ({stage.status}); there are no intervals.")
-        elif stage.certificate is None and fit.how.get("solver") == "gauss-newton":
-            yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (the solver auto does this).")
-        elif stage.confirmed and isinstance(fit.model, HybridModel):
-            yield Reason(USABLE, "Training stopped where the held-out error was smallest.")
-        elif stage.confirmed:
-            yield Reason(USABLE, "The optimum is confirmed.")
-        if len(stage.starts) > 2:
-            best = min(stage.starts)
-            alike = sum(start <= best + ALIKE * abs(best) for start in stage.starts)
-            if alike < 0.5 * len(stage.starts):
-                yield Reason(WITH_CARE, f"Only {alike} of {len(stage.starts)} starting points led to the best optimum.")
-    scalars = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
-    bound = [p.name for p in scalars if not p.bounds[0] < float(p.array) < p.bounds[1]]
-    bound = [name for name in bound if name not in fit.model.effects]
-    if bound:
-        corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
-        text = f"{listed(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}"
-        yield (
-            Reason(NOT_USABLE, f"{text}: more than half of the estimates follow the bounds, not the data.")
-            if corner
-            else Reason(WITH_CARE, f"{text}.")
-        )
-    well_determined = [
-        float(np.max(fit.sd[p.name])) < UNDETERMINED * abs(float(p.array)) for p in scalars if p.name in fit.sd
-    ]
-    informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
-    if len(well_determined) == len(scalars) > 0 and not any(well_determined) and not informed and not foreign_form(fit):
-        yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
-    yield from _steps(fit)
-    yield from _facts(fit)
-    conflicting, foreign, wider = [], False, conflict(fit.model)
-    for p in scalars:
-        if p.prior is not None and p.prior.mean is not None:
-            off = abs(float(p.array) - float(np.asarray(p.prior.mean)))
-            away, sd = off / float(np.max(np.asarray(p.prior.sd))), float(fit.sd.get(p.name, np.nan)) / wider
-            if away > SURPRISING:
-                conflicting.append((away, p.name))
-            foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
-    if conflicting:
-        conflicting.sort(reverse=True)
-        text = listed([f"{name} by {number(away, 2)} sd of the prior" for away, name in conflicting])
-        wide = [name for _, name in conflicting if name in fit.from_prior]
-        both = (
-            f" Model errors widen the interval{'s' if wide[1:] else ''} of {listed(wide)}, hence the low precision."
-            if wide
-            else ""
-        )
-        yield Reason(
-            NOT_USABLE if foreign else WITH_CARE,
-            f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
-            f"model structure is wrong.{both}",
-        )
-
-
-def _steps(fit: Fit) -> Iterator[Reason]:
-    """A reason if an effect that rounds an input may as well be absent."""
-    rounded = fit.model.rounded if isinstance(fit.model, MotionModel) else {}
-    sizes = [(name, fit.model[name], fit.interval(name)) for name in rounded if name in fit.sd]
-    none = [name for name, p, (low, high) in sizes if p.null is not None and low <= p.null <= high]
-    if none:
-        yield Reason(
-            WITH_CARE,
-            f"The recording does not determine {listed(none)}: predictions without it are equally good, within chance.",
-        )
-
-
-def _facts(fit: Fit) -> Iterator[Reason]:
-    """Reasons from stated values that the recording contradicts."""
-    for name, (change, sd) in fit.how.get("contradicted", {}).items():
-        other = "the steering ratio is not the stated one, or " if name == "wheelbase" else ""
-        size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
-        yield Reason(
-            NOT_USABLE if name != "m" and abs(change) > ANOTHER else WITH_CARE,
-            f"The recording contradicts the stated {name}: a value {size} explains the recording better. "
-            f"Check the stated value. If it is right, {other}the model lacks an effect.",
-        )
 
 
 def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:
@@ -309,17 +199,7 @@ def _predicted(scores: Scores, persistence: Scores, unfitted: Scores, what: str)
     judged = [name for name in scores if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(scores)
     outputs = list(dict.fromkeys(output for name in judged for output in scores[name]))
     yield from _divergences(scores, judged, what)
-    useless, beaten, noisy = [], [], []
-    for output in outputs:
-        errors = {name: scores[name][output] for name in judged if output in scores[name]}
-        unexplained = [_unexplained(error) for error in errors.values()]
-        by_hold = [_ratio(e, persistence.get(n, {}).get(output)) for n, e in errors.items() if n in persistence]
-        if min(unexplained) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
-            useless.append(output)
-        elif by_hold and np.nanmedian(by_hold) > 1.0:
-            beaten.append((output, float(np.nanmax(by_hold))))
-        elif float(np.nanmedian(unexplained)) > UNEXPLAINED:
-            noisy.append((output, float(np.nanmedian(unexplained))))
+    useless, beaten, noisy = _poor_outputs(scores, persistence, judged, outputs)
     poor = [*useless, *(name for name, _ in beaten), *(name for name, share in noisy if share >= MEAN)]
     mostly = len(poor) >= max(0.5 * len(outputs), 2.0)
     if useless:
@@ -347,20 +227,39 @@ def _predicted(scores: Scores, persistence: Scores, unfitted: Scores, what: str)
         yield Reason(USABLE, f"{what}{best}.")
 
 
+def _poor_outputs(
+    scores: Scores, persistence: Scores, judged: Sequence[str], outputs: Sequence[str]
+) -> tuple[list[str], list[tuple[str, float]], list[tuple[str, float]]]:
+    """Outputs that are predicted no better than by the mean or by persistence; than by persistence, with the ratio of
+    errors; and of which much is unexplained, with the share of variance.
+    """
+    useless, beaten, noisy = [], [], []
+    for output in outputs:
+        errors = {name: scores[name][output] for name in judged if output in scores[name]}
+        unexplained = [_unexplained(error) for error in errors.values()]
+        by_hold = [_ratio(e, persistence.get(n, {}).get(output)) for n, e in errors.items() if n in persistence]
+        if min(unexplained) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
+            useless.append(output)
+        elif by_hold and np.nanmedian(by_hold) > 1.0:
+            beaten.append((output, float(np.nanmax(by_hold))))
+        elif float(np.nanmedian(unexplained)) > UNEXPLAINED:
+            noisy.append((output, float(np.nanmedian(unexplained))))
+    return useless, beaten, noisy
+
+
 def _beside_unfitted(
     scores: Scores, unfitted: Scores, judged: Sequence[str], outputs: Sequence[str], what: str
 ) -> Iterator[Reason]:
     """Reasons if the fit made the model worse."""
-    ratios = {}
-    for output in outputs:
-        ratios_of_output = [
+    ratios = {
+        output: _mean_ratio(
             _ratio(scores[name][output], unfitted[name][output])
             for name in judged
             if output in scores[name] and output in unfitted.get(name, {})
-        ]
-        ratios_of_output = [ratio for ratio in ratios_of_output if ratio > 0 and not np.isnan(ratio)]
-        if ratios_of_output:
-            ratios[output] = float(np.exp(np.mean(np.log(np.clip(ratios_of_output, 1e-6, 1e6)))))
+        )
+        for output in outputs
+    }
+    ratios = {output: ratio for output, ratio in ratios.items() if not np.isnan(ratio)}
     if not ratios:
         return
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
@@ -466,6 +365,12 @@ def _ratio(error: Error, other: Error | None) -> float:
     if not np.isfinite(other.rmse):
         return 0.0
     return error.rmse / other.rmse if other.rmse > 0 else (np.inf if error.rmse > 0 else 1.0)
+
+
+def _mean_ratio(ratios: Iterable[float]) -> float:
+    """Geometric mean of the positive ones; NaN if there are none."""
+    each = [ratio for ratio in ratios if ratio > 0 and not np.isnan(ratio)]
+    return float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6))))) if each else np.nan
 
 
 def _compared(
