@@ -54,7 +54,7 @@ class Blocks:
     ----------
     kept : (unknowns,) mask of those that are not local.
     H : (blocks, kept, kept) J'J of each block; of all rows together, (1, kept, kept), if J is at hand.
-    J : of each block of a network, its number, and the derivatives (rows, kept) of a part of it.
+    J : of each block of a network, its number, and the derivatives (rows, kept) of a part of it; else empty.
     scores : (blocks, kept) J'r of each block.
     prior : (kept, kept) R'R.
     pull : (local, kept) negative change of the optimal local unknowns per change of a kept one.
@@ -98,6 +98,21 @@ class Blocks:
             result[block] += (J @ step) @ J
         return result
 
+    def leverages(self, block: int, free: Mask, U: Array) -> tuple[Array, Array]:
+        """Leverages of a block on the free unknowns and their directions, in coordinates in which H is the unit matrix.
+
+        Directions on which it has none may be absent: those of a block have at most as many as rows.
+        """
+        rows = [J[:, free] @ U.T for g, J in self.J if g == block]
+        root = np.concatenate(rows) if rows else np.empty((len(U), 0))
+        if not rows or len(root) >= len(U):
+            of_block = root.T @ root if rows else U @ self.H[block][np.ix_(free, free)] @ U.T
+            share, Q = np.linalg.eigh(of_block)
+            return np.clip(share, 0.0, 1.0), Q
+        share, V = np.linalg.eigh(root @ root.T)
+        seen = share > NO_LEVERAGE * max(float(share[-1]), NO_LEVERAGE)
+        return np.clip(share[seen], 0.0, 1.0), (root.T @ V[:, seen]) / np.sqrt(share[seen])
+
     def over_all(self, of_kept: Array, of_local: Array) -> Array:
         """A covariance (unknowns, unknowns) from that of the kept ones and that of the local ones alone."""
         if np.all(self.kept):
@@ -128,15 +143,11 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     local, kept, P = plan.local, ~plan.local, sp.csr_matrix(problem.R.T @ problem.R)
     place = np.where(local, np.cumsum(local), np.cumsum(kept)) - 1  # index among the local, or the kept unknowns
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
-    # of a network, J is smaller than J'J of every block
-    at_hand = size > MANY and bool(plan.parts) and all(len(of) == size for of in problem.layout.index)
+    numbers = sum(J.size for *_, J in plan.parts)  # of a network, J is smaller than J'J of every block
+    at_hand = 0 < numbers < count * size**2 and all(len(of) == size for of in problem.layout.index)
     H, scores, of_blocks = np.zeros((1 if at_hand else count, size, size)), np.zeros((count, size)), []
-    pull, local_covariance, independent, dof = (
-        np.zeros((few, size)),
-        np.zeros((few, few)),
-        np.zeros((few, few)),
-        np.ones(few),
-    )
+    pull, dof = np.zeros((few, size)), np.ones(few)
+    local_covariance, independent = np.zeros((few, few)), np.zeros((few, few))
     for k, start, residuals, J in plan.parts or _parts(problem, x, nodes):
         of = problem.layout.index[k]
         local_of_piece = of[local[of]]
@@ -252,6 +263,8 @@ def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[_Part]:
 
 MANY = 200
 """Number of unknowns above which they are a network's weights."""
+NO_LEVERAGE = 1e-12
+"""Share of a block's largest leverage at which rounding leaves no direction."""
 PULL = 0.99
 """Leverage of a block on a direction up to which its scatter is corrected; beyond, it is no estimate."""
 RIDGE = 1e-12
@@ -396,13 +409,13 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     if size > MANY:
         return _uncorrected(blocks, H, free, U)
     middle = np.zeros((size, size))
-    diagonal_of_blocks, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
-    for g, (of_block, score) in enumerate(zip(blocks.H, blocks.scores, strict=True)):
-        share, Q = np.linalg.eigh(U @ of_block[among] @ U.T)
-        share = np.clip(share, 0.0, 1.0)
+    diagonal_of_blocks, pulled = np.empty((len(blocks.scores), size)), np.empty((size, len(blocks.scores), size))
+    for g, score in enumerate(blocks.scores):
+        share, Q = blocks.leverages(g, free, U)
         correction = 1.0 / np.sqrt(1.0 - np.minimum(share, PULL))
         lost = share * (1.0 - correction**2 * (1.0 - share))
-        corrected = Q @ (correction * (Q.T @ (U @ score[free])))
+        plain = U @ score[free]
+        corrected = plain + Q @ ((correction - 1.0) * (Q.T @ plain))
         middle += np.outer(corrected, corrected) + blocks.lone_variance * (Q * lost) @ Q.T
         turned = Q.T @ U
         diagonal_of_blocks[g] = (share * correction**2 + lost) @ turned**2
@@ -413,14 +426,14 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     trace = np.sum(diagonal, axis=1)
     squares = np.sum(between**2, axis=(1, 2)) + np.sum(diagonal**2 - shared**2, axis=1)
     middle /= 1.0 - blocks.missed
-    prior_turned = U @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ U.T
-    by_data, by_prior = (np.einsum("pj,pq,qj->j", U, part, U, optimize=True) for part in (middle, prior_turned))
+    inverse = U.T @ U
+    of_data, of_prior = U.T @ middle @ U, inverse @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ inverse
+    by_data, by_prior = np.diag(of_data), np.diag(of_prior)
     determined = (by_data > 0.0) & (squares > 0.0)
-    of_data = by_data[determined] / (by_data + by_prior)[determined]
-    result.covariance[among], result.independent[among] = U.T @ (middle + prior_turned) @ U, U.T @ U
-    result.dof[np.flatnonzero(free)[determined]] = (
-        np.maximum(trace[determined] ** 2 / squares[determined], 1.0) / of_data**2
-    )
+    share_of_data = by_data[determined] / (by_data + by_prior)[determined]
+    result.covariance[among], result.independent[among] = of_data + of_prior, inverse
+    of_sum = np.maximum(trace[determined] ** 2 / squares[determined], 1.0)
+    result.dof[np.flatnonzero(free)[determined]] = of_sum / share_of_data**2
     return result
 
 
