@@ -7,7 +7,7 @@ output per row: predictions (simulated in CasADi's virtual machine) or free vari
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,10 +154,22 @@ class Run:
         by_p = _Sum(len(h), outputs, len(p), by_rows=nodes is not None)
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
+        through_stage: dict[int, tuple[Columns, Array]] = {}
         for tap, signal in enumerate(trace.tap_signal):
-            for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
+            columns, h_by_p = self._through_stage(int(signal), z_by_p, z_by_u, u_by_p, weights[tap])
+            first = trace.first_alike[tap] if u_by_p is None else tap
+            if first in through_stage:  # one sum for all windows that act alike: J is written once
+                np.add(through_stage[first][1], h_by_p, out=through_stage[first][1])
+            elif h_by_p.size:
+                through_stage[first] = columns, h_by_p
+        for tap, (columns, h_by_p) in through_stage.items():
+            for k, output in trace.tap_outputs[tap]:
+                by_p.add(output, columns, weighted[0][:, k, None], h_by_p)
+        for tap, signal in enumerate(trace.tap_signal):
+            if len(trace.tap_weights[tap].places):
+                h_by_p = self._through_weights(tap, windows(z[:-1, signal], trace.memory), p)
                 for k, output in trace.tap_outputs[tap]:
-                    by_p.add(output, columns, weighted[0][:, k, None], h_by_p)
+                    by_p.add(output, trace.tap_weights[tap].at, weighted[0][:, k, None], h_by_p)
         for k, (output, column) in enumerate(zip(direct.row, direct.column, strict=True)):
             by_p.add(output, slice(column, column + 1), weighted[1][:, k, None], 1.0)
         if u_by_p is not None:
@@ -268,40 +280,29 @@ class Run:
     def _newest(self, u: Array) -> Array:
         return u[self.trace.memory - 1 : -1]
 
-    def _tap_by_p(
-        self,
-        tap: int,
-        signal: int,
-        z: Array,
-        z_by_p: list[Array],
-        z_by_u: Array | None,
-        u_by_p: Array | None,
-        weights: Array,
-        p: Array,
-    ) -> Iterator[tuple[Columns, Array]]:
-        """Derivative of one window's result by the parameters, in pieces: distinct columns and (rows, columns)."""
-        trace = self.trace
-        usable = len(z) - 1
+    def _through_stage(
+        self, signal: int, z_by_p: list[Array], z_by_u: Array | None, u_by_p: Array | None, weights: Array
+    ) -> tuple[Columns, Array]:
+        """Derivative of one window's result by the parameters that its signal depends on, (rows, columns)."""
+        trace, usable = self.trace, len(z_by_p[signal]) - 1
         columns, at = trace.stage_columns[signal], trace.stage_at[signal]
         signal_by_p = z_by_p[signal][:usable]
         if u_by_p is not None and z_by_u is not None:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
             at = tidy(columns)
-        if len(columns):
-            yield at, weighted_windows(signal_by_p, weights)
-        tap_weight = trace.tap_weights[tap]
-        if not len(tap_weight.places):
-            return
+        return at, weighted_windows(signal_by_p, weights) if len(columns) else np.empty((0, 0))
+
+    def _through_weights(self, tap: int, seen: Array, p: Array) -> Array:
+        """Derivative of one window's result by the parameters in its weights, (rows, columns); `seen`: its samples."""
+        tap_weight = self.trace.tap_weights[tap]
         slopes = self._weights_by_p(p)[tap_weight.places]
-        seen = windows(z[:usable, signal], trace.memory)
         if tap_weight.order is not None:
             ordered = slopes[tap_weight.order]
-            weighted = seen[:, tap_weight.samples]
-            yield tap_weight.at, weighted if np.all(ordered == 1.0) else weighted * ordered
-        else:
-            weights_by_p = np.zeros((trace.memory, len(tap_weight.columns)))
-            weights_by_p[tap_weight.lags, tap_weight.among] = slopes
-            yield tap_weight.at, seen @ weights_by_p
+            weighted: Array = seen[:, tap_weight.samples]
+            return weighted if np.all(ordered == 1.0) else weighted * ordered
+        weights_by_p = np.zeros((self.trace.memory, len(tap_weight.columns)))
+        weights_by_p[tap_weight.lags, tap_weight.among] = slopes
+        return np.asarray(seen @ weights_by_p)
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int

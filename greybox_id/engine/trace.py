@@ -252,6 +252,17 @@ class Trace:
         return [[(int(k), int(by_h.row[k])) for k in item] for item in several]
 
     @cached_property
+    def first_alike(self) -> list[int]:
+        """Per window, the first one with the same constant effect and a signal of the same parameters, or itself."""
+        by_h, firsts = cs.jacobian(self.y, self.h), dict[tuple[object, ...], int]()
+        result = []
+        for tap, signal in enumerate(self.tap_signal.tolist()):
+            effect = by_h[:, tap]
+            same = tuple(cs.DM(effect).full().ravel().tolist()) if effect.is_constant() else tap
+            result.append(firsts.setdefault((same, self.stage_columns[signal].tobytes()), tap))
+        return result
+
+    @cached_property
     def tap_weights(self) -> list[WindowWeights]:
         """Per window, how its weights depend on the parameters."""
         result = []

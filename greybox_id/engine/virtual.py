@@ -149,7 +149,6 @@ NUMPY: dict[int, Callable[..., Any]] = {
 }  # fmt: skip
 """CasADi's operations in numpy. A comparison returns a number, since conditions are multiplied and added."""
 _FROM_ARGUMENT, _TO_RESULT, _CONSTANT = (object() for _ in range(3))
-_MOVES = {cs.OP_INPUT, cs.OP_OUTPUT, cs.OP_CONST}
 
 
 class SampledFunction:
@@ -200,7 +199,7 @@ class SampledFunction:
 
     @cached_property
     def _side_by_side(self) -> _Operations | None:
-        return _Operations(self.function) if _Operations.suit(self.function) else None
+        return _Operations.of(self.function)
 
     def _buffer(self, shared: tuple[int, ...]) -> tuple[Any, Callable[[], None]]:
         if shared not in self._mapped:
@@ -210,36 +209,32 @@ class SampledFunction:
 
 
 class _Operations:
-    """The operations of an SX function, each evaluated for many samples at once.
+    """The operations of an SX function with one dense result, each evaluated for many samples at once."""
 
-    Parameters
-    ----------
-    function : with one dense result, and only operations in `NUMPY`.
-    """
-
-    def __init__(self, function: cs.Function) -> None:
-        self._work = int(function.sz_w())
-        self._steps: list[tuple[int, Any, list[int]]] = []
-        for k in range(function.n_instructions()):
-            op, sources, targets = (
-                function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-            )  # fmt: skip
-            if op == cs.OP_OUTPUT:
-                self._steps.append((targets[1], _TO_RESULT, sources))
-            elif op == cs.OP_INPUT:
-                self._steps.append((targets[0], _FROM_ARGUMENT, sources))
-            elif op == cs.OP_CONST:
-                self._steps.append((targets[0], _CONSTANT, [function.instruction_constant(k)]))
-            else:
-                self._steps.append((targets[0], NUMPY[op], sources))
+    def __init__(self, work: int, steps: list[tuple[int, Any, list[Any]]]) -> None:
+        self._work, self._steps = work, steps
 
     @staticmethod
-    def suit(function: cs.Function) -> bool:
-        """Whether a function has only operations in `NUMPY`."""
-        return bool(function.is_a("SXFunction")) and all(
-            function.instruction_id(k) in NUMPY or function.instruction_id(k) in _MOVES
-            for k in range(function.n_instructions())
-        )
+    def of(function: cs.Function) -> _Operations | None:
+        """Those of a function; None if it has others than those in `NUMPY`."""
+        if not function.is_a("SXFunction"):
+            return None
+        steps: list[tuple[int, Any, list[Any]]] = []
+        for k in range(function.n_instructions()):
+            op, targets = function.instruction_id(k), function.instruction_output(k)
+            if op == cs.OP_CONST:
+                steps.append((targets[0], _CONSTANT, [function.instruction_constant(k)]))
+                continue
+            sources = function.instruction_input(k)
+            if op == cs.OP_OUTPUT:
+                steps.append((targets[1], _TO_RESULT, sources))
+            elif op == cs.OP_INPUT:
+                steps.append((targets[0], _FROM_ARGUMENT, sources))
+            elif op in NUMPY:
+                steps.append((targets[0], NUMPY[op], sources))
+            else:
+                return None
+        return _Operations(int(function.sz_w()), steps)
 
     def __call__(self, arguments: Sequence[Array], result: Array) -> None:
         """Evaluate into `result`, (n, outputs)."""
@@ -253,6 +248,8 @@ class _Operations:
                     result[:, target] = work[sources[0]]
                 elif operation is _CONSTANT:
                     work[target] = sources[0]
+                elif len(sources) == 2:
+                    work[target] = operation(work[sources[0]], work[sources[1]])
                 else:
                     work[target] = operation(*[work[k] for k in sources])
 

@@ -23,7 +23,7 @@ import numpy as np
 import scipy.linalg as la
 from scipy.linalg import lapack
 
-from ...base.shorthands import Array, Mask
+from ...base.shorthands import Array, Index, Mask
 from ..least_squares import LeastSquares, Matched, NormalEquations
 from .secant import MissingCurvature
 
@@ -56,12 +56,8 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     at_low, at_high = free & (low >= step) & (slope > 0), free & (high <= step) & (slope < 0)
     for _ in range(3 * len(g) + 10):
         movable = np.flatnonzero(free & ~at_low & ~at_high)
-        by = unit[movable]
-        inner = H.copy() if len(movable) == len(g) else H[movable[:, None], movable]
-        inner *= by
-        inner *= by[:, None]
-        inner.ravel("K")[:: len(by) + 1] += added[movable] * by**2  # its diagonal
-        move = by * solved(inner, -by * slope[movable], overwrite=True) if len(movable) else by
+        moving = unit[movable]
+        move = moving * _unit_step(H, moving, added[movable], -moving * slope[movable], movable)
         bound = np.where(move < 0, low[movable], high[movable])
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             share = np.where(move != 0, (bound - step[movable]) / move, np.inf)
@@ -84,6 +80,22 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
             break
         at_low[released] = at_high[released] = False
     return step
+
+
+def _unit_step(H: Array, unit: Array, added: Array, b: Array, movable: Index) -> Array:
+    """Solution of the equations of the movable unknowns, scaled by `unit`, with `added` curvature."""
+    if not len(movable):
+        return b
+    if 2 * len(movable) <= len(H):
+        inner, by, ridge = H[movable[:, None], movable], unit, added * unit**2
+    else:  # zeros for the others take less time than a selection
+        by, ridge, of_all = np.zeros(len(H)), np.ones(len(H)), np.zeros(len(H))
+        inner, by[movable], ridge[movable], of_all[movable], b = H.copy(), unit, added * unit**2, b, of_all
+    inner *= by
+    inner *= by[:, None]
+    inner.ravel("K")[:: len(by) + 1] += ridge  # its diagonal
+    result = solved(inner, b, overwrite=True)
+    return result if len(result) == len(movable) else result[movable]
 
 
 def solved(H: Array, b: Array, overwrite: bool = False) -> Array:
