@@ -100,7 +100,9 @@ def test_the_command_line_loads_pandas_only_where_it_is_used():
         "from greybox_id.cli import main\ntry: main()\nexcept SystemExit: pass\n"
         "assert 'pandas.core' not in sys.modules\n"
         "import pandas as pd; from pandas.api.types import is_numeric_dtype\n"
-        "assert is_numeric_dtype(pd.Series([1.0]).dtype) and sys.modules['pandas'].DataFrame is pd.DataFrame"
+        "assert is_numeric_dtype(pd.Series([1.0]).dtype) and sys.modules['pandas'].DataFrame is pd.DataFrame\n"
+        "import numpy as np, scipy.sparse; from numpy.testing import assert_array_equal\n"
+        "assert_array_equal(np.ma.masked_invalid([1.0, np.nan]).mask, [False, True]); np.random.default_rng(0)"
     )
     subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
 
