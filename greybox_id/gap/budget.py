@@ -35,7 +35,6 @@ from .estimation.free_runs import (
     inliers,
     misfit,
     of_subsets,
-    refitted_tolerances,
 )
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.noise import blocks, white_noise
@@ -124,122 +123,140 @@ def _weight(name: str, value: Set, n: int) -> float:
 def shared_out(
     examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
 ) -> Budget | None:
-    """The budget of a hypothesis' effects, on the held-out recordings if there are any."""
+    """The budget of a hypothesis' effects, on the held-out recordings if there are any.
+
+    Tolerances are refitted with every set of a few effects. Of many, only with all of them, with none, and without each
+    whose share is not surely a cause's: in the other sets, contributions add up to first order.
+    """
     names = best.names
-    if len(names) > CAL.few:
-        return _shared_out_linearly(examined, best, held_out, tell)
     if held_out:
         tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
+    refits = _OfHeldOut(examined, best, held_out) if held_out else _OfExamined(examined, best)
+    if len(names) <= CAL.few:
+        return refits.budget(refits.refitted(subsets(names)))
+    whole = frozenset(names)
+    known = refits.refitted([frozenset(), whole])
+    shared = refits.budget(refits.to_first_order(known))
+    if shared is None:
+        return None
+    unsure = [share.effect for share in shared.beside if share.low < _least_share(shared)]
+    if not unsure:
+        return shared
+    return refits.budget(refits.to_first_order(refits.refitted([frozenset(), *(whole - {k} for k in unsure), whole])))
 
-        def left(subset: Set, there: Sequence[Mapping[str, float]], trust: float | None) -> tuple[Misfit, FreeRuns]:
-            model = with_effects(examined, best, subset)
-            return refitted_tolerances(model, held_out, examined.vehicle, examined.effects, examined.sd, there, trust)
 
-        whole, bench = left(frozenset(names), _where_found(examined, best), None)
-        misfits = {frozenset(names): whole}
-        for subset in subsets(names)[:-1]:
+class _OfExamined:
+    """Refits of sets of effects on the diagnosed recordings.
+
+    Parameters
+    ----------
+    examined, best : what was examined, and the hypothesis whose effects these are.
+    """
+
+    def __init__(self, examined: Examined, best: Hypothesis) -> None:
+        self.examined, self.best = examined, best
+
+    def refitted(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
+        """Errors with these sets of effects, tolerances refitted."""
+        examined = self.examined
+        search, freed = examined.selection.search, examined.freed
+        known = {frozenset(item.names): item for item in examined.selection.tried}
+        more = [subset for subset in sets if subset not in freed]
+        parts = [known.get(item) or refitted(search, self.best.only(item)) for item in more]
+        freed.update(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
+        # magnitudes are held, so that a set may really be worse; but refits that differ by much end in other optima
+        for whole, less in _worse_than_subsets({subset: freed[subset] for subset in sets}):
+            from_there = replace(freed[whole], theta=less.theta, linear=less.linear)
+            (again,) = at_their_best(search, [from_there], examined.sd, examined.good)
+            freed[whole] = min(freed[whole], again, key=by_cost)
+        return {subset: misfit(search, freed[subset]) for subset in sets}
+
+    def to_first_order(self, known: Mapping[Set, Misfit]) -> dict[Set, Misfit]:
+        """Errors with every set of the effects, from those that are known."""
+        examined, search = self.examined, self.examined.selection.search
+        white = white_noise(examined.sd, examined.good, examined.bench.rows)
+        with search.counted(search.whitener if examined.unnamed is None else white):
+            freed = examined.freed[frozenset(self.best.names)]
+            search.about(freed)
+            return of_subsets(search, freed, _absent(examined, self.best, search), known)
+
+    def budget(self, misfits: Mapping[Set, Misfit]) -> Budget | None:
+        """The budget, from the errors with every set."""
+        examined, names = self.examined, self.best.names
+        good = inliers(misfits[frozenset(names)].e, examined.good, examined.bench)
+        recordings = tuple(recording.name for recording in examined.recordings)
+        return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
+
+
+class _OfHeldOut:
+    """Refits of sets of effects on held-out recordings.
+
+    Parameters
+    ----------
+    examined, best : what was examined, and the hypothesis whose effects these are.
+    held_out : recordings that chose nothing.
+    """
+
+    def __init__(self, examined: Examined, best: Hypothesis, held_out: Sequence[Recording]) -> None:
+        self.examined, self.best, self.held_out = examined, best, held_out
+        search = examined.selection.search
+        self._whole = frozenset(best.names)
+        # as refitted on the diagnosed recordings, and with tolerances refitted to free runs of these
+        there = [search.values(best), search.values(examined.at_its_best(best))]
+        errors, self._search, self._result = self._freed(self._whole, there, None)
+        self._known = {self._whole: errors}
+
+    def _freed(
+        self, subset: Set, there: Sequence[Mapping[str, float]], trust: float | None
+    ) -> tuple[Misfit, Search, Hypothesis]:
+        examined = self.examined
+        model = with_effects(examined, self.best, subset)
+        return freed_tolerances(model, self.held_out, examined.vehicle, examined.effects, examined.sd, there, trust)
+
+    def refitted(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
+        """Errors with these sets of effects, tolerances refitted."""
+        known, whole = self._known, self._known[self._whole]
+        for subset in (item for item in sets if item not in known):
             try:
-                misfits[subset], _ = left(subset, [whole.values], whole.trust)
+                known[subset], _, _ = self._freed(subset, [whole.values], whole.trust)
             except BadInput:  # with some effects alone, simulations may overflow
                 if not subset:
                     raise
-                misfits[subset] = misfits[frozenset()]
-        for subset, less in _worse_than_subsets(names, misfits):
+                known[subset] = known[frozenset()]
+        for subset, less in _worse_than_subsets({item: known[item] for item in sets}):
             with suppress(BadInput):  # as before
-                again, _ = left(subset, [less.values], whole.trust)
-                misfits[subset] = min(misfits[subset], again, key=lambda each: each.cost)
-        return _of_held_out(misfits, names, examined.sd, bench, held_out)
-    search = examined.selection.search
-    known = {frozenset(item.names): item for item in examined.selection.tried}
-    more = [subset for subset in subsets(names) if subset not in examined.freed]
-    parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
-    examined.freed.update(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
-    _refit_from_subsets(examined, names)
-    misfits = {subset: misfit(search, examined.freed[subset]) for subset in subsets(names)}
-    good = inliers(misfits[frozenset(names)].e, examined.good, examined.bench)
-    return budget(
-        misfits,
-        names,
-        examined.sd,
-        good,
-        examined.bench,
-        tuple(recording.name for recording in examined.recordings),
-        False,
-    )
+                again, search, result = self._freed(subset, [less.values], whole.trust)
+                if again.cost < known[subset].cost:
+                    known[subset] = again
+                    if subset == self._whole:
+                        self._search, self._result = search, result
+        return {subset: known[subset] for subset in sets}
+
+    def to_first_order(self, known: Mapping[Set, Misfit]) -> dict[Set, Misfit]:
+        """Errors with every set of the effects, from those that are known."""
+        self._search.about(self._result)
+        absent = _absent(self.examined, self.best, self._search)
+        return of_subsets(self._search, self._result, absent, known)
+
+    def budget(self, misfits: Mapping[Set, Misfit]) -> Budget | None:
+        """The budget, and how far all effects together close the gap."""
+        sd, bench, names = self.examined.sd, self._search.bench, self.best.names
+        nothing, whole = misfits[frozenset()], misfits[self._whole]
+        good = inliers(whole.e, without_stale_rows(bench), bench)
+        recordings = tuple(item.name for item in self.held_out)
+        shared = budget(misfits, names, sd, good, bench, recordings, True)
+        if shared is None:
+            return None
+        return replace(shared, together=closed_by(nothing, whole, sd, good & np.isfinite(nothing.e), bench, recordings))
 
 
-def _of_held_out(
-    misfits: Mapping[Set, Misfit], names: tuple[str, ...], sd: Array, bench: FreeRuns, held_out: Sequence[Recording]
-) -> Budget | None:
-    """The budget on recordings that chose nothing, and how far all effects together close the gap there."""
-    nothing, whole = misfits[frozenset()], misfits[frozenset(names)]
-    good, recordings = inliers(whole.e, without_stale_rows(bench), bench), tuple(item.name for item in held_out)
-    shared = budget(misfits, names, sd, good, bench, recordings, True)
-    if shared is None:
-        return None
-    return replace(shared, together=closed_by(nothing, whole, sd, good & np.isfinite(nothing.e), bench, recordings))
-
-
-def _refit_from_subsets(examined: Examined, names: tuple[str, ...]) -> None:
-    """Refit sets that leave a larger error than without one of their effects, from the tolerances without it.
-
-    Magnitudes are held, so that a set may really be worse; but refits of free runs that differ by much end in other
-    optima.
-    """
-    search, freed = examined.selection.search, examined.freed
-    for whole, less in _worse_than_subsets(names, freed):
-        from_there = replace(freed[whole], theta=less.theta, linear=less.linear)
-        (again,) = at_their_best(search, [from_there], examined.sd, examined.good)
-        freed[whole] = min(freed[whole], again, key=by_cost)
-
-
-def _worse_than_subsets(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
+def _worse_than_subsets(each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
     """Sets that leave a larger error than without one of their effects, with the refit without it; small sets first."""
-    for whole in subsets(names):
+    for whole in sorted(each, key=len):
         for name in sorted(whole):
-            if each[whole - {name}].cost < each[whole].cost:
-                yield whole, each[whole - {name}]
-
-
-def _where_found(examined: Examined, best: Hypothesis) -> list[Mapping[str, float]]:
-    """Parameter values of a hypothesis as it was refitted, and with tolerances refitted to free runs."""
-    search = examined.selection.search
-    return [search.values(best), search.values(examined.at_its_best(best))]
-
-
-def _shared_out_linearly(
-    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
-) -> Budget | None:
-    """The budget of many effects: in sets between none and all, contributions add up to first order."""
-    names = best.names
-    search = examined.selection.search
-    if held_out:
-        tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
-        full = with_effects(examined, best)
-        there = _where_found(examined, best)
-        whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
-        search.about(result)
-        nothing, _ = refitted_tolerances(
-            with_effects(examined, best, set()),
-            held_out,
-            examined.vehicle,
-            examined.effects,
-            examined.sd,
-            [whole.values],
-            whole.trust,
-        )
-        known = {frozenset(names): whole, frozenset[str](): nothing}
-        misfits = of_subsets(search, result, _absent(examined, best, search), known)
-        return _of_held_out(misfits, names, examined.sd, search.bench, held_out)
-    freed, base = (examined.at_its_best(item) for item in (best, examined.selection.base))
-    known = {frozenset(names): misfit(search, freed), frozenset[str](): misfit(search, base)}
-    white = white_noise(examined.sd, examined.good, examined.bench.rows)
-    with search.counted(search.whitener if examined.unnamed is None else white):
-        search.about(freed)
-        misfits = of_subsets(search, freed, _absent(examined, best, search), known)
-    good = inliers(known[frozenset(names)].e, examined.good, examined.bench)
-    recordings = tuple(item.name for item in examined.recordings)
-    return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
+            less = each.get(whole - {name})
+            if less is not None and less.cost < each[whole].cost:
+                yield whole, less
 
 
 def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.gap.budget import _refit_from_subsets, budget, subsets
+from greybox_id.gap.budget import _OfExamined, budget, subsets
 from greybox_id.gap.estimation.free_runs import Misfit
 from greybox_id.gap.estimation.hypothesis import Hypothesis
 
@@ -126,8 +126,9 @@ def test_a_set_that_leaves_more_than_without_one_of_its_effects_is_refitted_from
         return [replace(item, cost=4.0 if item.theta[0] == 1.0 else 9.9) for item in hypotheses]
 
     monkeypatch.setattr("greybox_id.gap.budget.at_their_best", refits)
-    examined = SimpleNamespace(selection=SimpleNamespace(search=None), freed=freed, sd=None, good=None)
-    _refit_from_subsets(examined, ("a", "b"))
+    monkeypatch.setattr("greybox_id.gap.budget.misfit", lambda _search, item: item)
+    examined = SimpleNamespace(selection=SimpleNamespace(search=None, tried=()), freed=freed, sd=None, good=None)
+    _OfExamined(examined, None).refitted(subsets(("a", "b")))
     assert starts == [0.0, 1.0]  # b alone from nothing, both from a
     assert {"".join(sorted(item)): each.cost for item, each in freed.items()} == {
         "": 9.0,
