@@ -81,7 +81,7 @@ def with_beginnings(
     result = list[_Begun]()
     for parent in parents.values():
         for part_candidate in _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost))[
-            : CAL.begun
+            : CAL.refitted
         ]:
             begun = _refitted(search, part_candidate)
             if begun is not None and score(begun.hypothesis) < score(known) + CAL.alike:
@@ -271,7 +271,7 @@ def _weighed(
     )
     best = _placed(_Begun(search, hypothesis))
     search, hypothesis = best.search, best.hypothesis
-    constant = (selection.base, *selection.tried[: CAL.rivals])
+    constant = (selection.base, *selection.tried[: CAL.refitted])
     starts = [Start(each.candidates, each.m, hypothesis.theta, hypothesis.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
     bases, tried = [each for each in again if not each.names], {frozenset(hypothesis.names): hypothesis}

@@ -14,7 +14,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
 from ..engine.solvers.gauss_newton import Status, gauss_newton
-from ..fitting.attempt import LEAST_NOISE
+from ..fitting.attempt import LEAST_NOISE, ROUGH
 from ..fitting.scores.horizons import Errors, between, mean_squares
 from ..models.motion_model import MotionModel
 from .closing import closure
@@ -178,9 +178,7 @@ def _fitted(
     ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(examined, best)))
     for way in ways:
         problem = MotionProblem(simulator.of(way), recordings, noise=noise, robust=CAL.far_reading, about=way.values)
-        solution = gauss_newton(
-            problem, problem.unknowns(way.values), tolerance=CAL.fitted, search="levenberg_marquardt"
-        )
+        solution = gauss_newton(problem, problem.unknowns(way.values), tolerance=ROUGH, search="levenberg_marquardt")
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if np.isfinite(solution.objective):

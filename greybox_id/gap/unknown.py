@@ -115,7 +115,7 @@ def excess_ratio(
         return float((np.mean((e / sd)[good] ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / count)) / alone)
     most = 0.0
     for c, channel in enumerate(channels):
-        counted, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
+        counted, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.curve_off
         if np.any(counted):
             excess = np.mean((e[counted, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(counted))
             most = max(most, float(excess / max(alone, (share * np.std(y[counted, c]) / sd[c]) ** 2)))

@@ -36,7 +36,7 @@ def test_noise_alone_is_nothing(rough):
 
 def test_an_error_in_proportion_to_the_signal_is_a_gap_once_it_is_larger_than_equations_may_be_off():
     for times, gap in ((0.7, False), (1.3, True)):
-        off = NOISE + np.column_stack([np.zeros(ROWS), times * CAL.of_signal * Y[:, 1]])
+        off = NOISE + np.column_stack([np.zeros(ROWS), times * CAL.curve_off * Y[:, 1]])
         assert (beyond(off) > 1) == gap
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
+from ..estimation.calibration import CAL
 
 MEASURED = "steer_measured"
 EFFECTS = ("steering_ratio", "steering_offset", "steering_delay")
@@ -22,9 +23,6 @@ LAGS = np.arange(-0.1, 0.5, 0.01)
 BLOCKS = 12
 """Parts of a recording, each left out once: the scatter of estimates then gives their uncertainty (Quenouille's
 jackknife of blocks, Künsch, Annals of Statistics 17, 1989)."""
-APART = 4.0
-"""Standard deviations beyond which there is a change: by chance, one of three numbers is so far off in 5 000
-comparisons."""
 LEAST = {"steering_ratio": 0.002, "steering_offset": 2e-4, "steering_delay": 0.002}
 """Least standard deviation between runs that is assumed: of the ratio, relative; rad; s. A step of a twelve-bit encoder
 over a steering range of 1 rad is 0.25 mrad, and a twentieth of a row of 25 Hz 2 ms."""
@@ -62,7 +60,7 @@ def steering_changes(after: Sequence[Recording], since: Sequence[Recording]) -> 
         between = max(between, LEAST[name])
         sd = sqrt(s**2 + t**2 + between**2 * (1.0 / len(before) + 1.0 / len(then)))
         result.append(ByColumns(name, b - a, sd, 1.0 - erfc(abs(b - a) / sd / sqrt(2.0))))
-    return tuple(item for item in result if abs(item.shift) > APART * item.sd)
+    return tuple(item for item in result if abs(item.shift) > CAL.surely * item.sd)
 
 
 def _mean(several: Sequence[tuple[float, float]]) -> tuple[float, float]:

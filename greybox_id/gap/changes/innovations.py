@@ -30,12 +30,12 @@ from ...filters.state_space import SLOWEST, StateSpace, Tracked
 from ...filters.tuning import beginning, noise_coordinates, resolution_of, scatter_of, start_levels, tuned
 from ...models.effects.memory import LATEST
 from ...models.motion_model import MotionModel
+from ...models.single_track import G
 from ..estimation.calibration import CAL
 from ..estimation.preparing import excerpt
 from ..estimation.unknown_forces import FORCES, with_unknown_forces
 
 NO_GATE = 1e9
-G = 9.81
 
 
 @dataclass(frozen=True)

@@ -102,9 +102,7 @@ def changes(
     plain = [without(judge, known.x, base.x if halves else known.x) for judge in judges]
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
     promising = sorted((_promising(known, base, rides, j) for j in named), key=lambda item: -item.gain)
-    tried = [
-        item for k, item in enumerate(promising[: CAL.changed_refitted]) if k == 0 or item.gain > CAL.changed_least
-    ]
+    tried = [item for k, item in enumerate(promising[: CAL.refitted]) if k == 0 or item.gain > CAL.enough]
     refits = [(item, *_refitted(known, rides, item, moved)) for item in tried]
     if refits:  # both sides of the comparison must have had the same starts
         nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)

@@ -24,7 +24,7 @@ USUAL: dict[str, float] = {
     field.name.removeprefix("scatter_"): getattr(CAL, field.name)
     for field in fields(CAL)
     if field.name.startswith("scatter_")
-}
+} | {"steering_lag": CAL.scatter_steering_delay, "sensor_latency_imu": CAL.scatter_sensor_latency_yaw}
 """Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done; of a lever
 arm, over the wheelbase. Only these effects may be named as changed."""
 GAINS = ("yaw_rate_scale",)
@@ -71,7 +71,7 @@ def numbers_of(
             full = full + effect.at(mean)
         between = USUAL[name] * (wheelbase if name == LEVER_ARM else 1.0)
         of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks shift delays and latencies alike
-        wide, change = CAL.filtered if name in GAINS else CAL.nominal * of, CAL.widened * of
+        wide, change = CAL.filters / 2 if name in GAINS else CAL.nominal * of, CAL.widened * of
         if name == LEVER_ARM:  # a sensor stays where it is, but may be remounted anywhere
             change = CAL.of_wheelbase * wheelbase
             wide = change if mean == null else wide

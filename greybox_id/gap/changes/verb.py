@@ -144,7 +144,7 @@ def diagnose_change(
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
-        cost = CAL.cost_changed if driven else CAL.cost_elsewhere
+        cost = CAL.cost_changed * (1.0 if driven else CAL.elsewhere)
         direct = by_place(known, possible, steering_changes([*after, *held_out], since))
         moved = known.x.copy()
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
@@ -474,7 +474,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         about = at - np.sum(weights * at) / np.sum(weights)
         information = float(np.sum(weights * about**2))
         trend = float(np.sum(weights * about * deviations)) / information
-        if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
+        if abs(trend) * np.sqrt(information) > CAL.tolerated_sd and abs(trend) > 2 * known.numbers[place].usual:
             stated.append(
                 f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: the change "
                 "may be that drift."

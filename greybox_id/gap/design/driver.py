@@ -20,7 +20,8 @@ from ...base.errors import BadInput
 from ...models.model import Symbol
 from ...models.motion_model import MotionModel, Quantities, State
 from ...models.parameter import Parameter
-from .limits import CAR, DriveLimits, G, number
+from ...models.single_track import G
+from .limits import CAR, DriveLimits, number
 from .primitives import Handling
 
 SPEED_GAIN = 1.5

@@ -12,9 +12,8 @@ import numpy as np
 from ...base.errors import BadInput, near_or_all
 from ...base.toml_file import read_toml
 from ...models.motion_model import MotionModel
+from ...models.single_track import G
 
-G = 9.81
-"""Gravity, m/s^2."""
 CAR = 2.76
 """Wheelbase, m, of the full-size car to which times are scaled (Froude: root of the length)."""
 STEER_MAX = 0.45

@@ -9,8 +9,9 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...models.motion_model import MotionModel
+from ...models.single_track import G
 from .arena import Arena
-from .limits import DriveLimits, G
+from .limits import DriveLimits
 from .primitives import Handling
 
 NEEDED = 0.95
@@ -76,7 +77,7 @@ class DesignTask:
             )
         v = 1.15 * limits.speed_min
         straight = v**2 / limits.drive_max + v * SHORTEST + v**2 / (2.0 * limits.brake_max) + 2.0 * limits.margin
-        turning = 2.0 * (v**2 / (0.5 * limits.grip * 9.81) + limits.margin)
+        turning = 2.0 * (v**2 / (0.5 * limits.grip * G) + limits.margin)
         if arena.length < straight and arena.breadth < turning:
             raise BadInput(
                 f"‹arena› {arena.words} is too small: at {v:.2g} m/s, the lowest speed, the vehicle needs "

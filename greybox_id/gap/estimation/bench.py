@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index
 from ...datasets.recording import Recording
-from ...engine.kernel import PAYS
+from ...engine.kernel import PAYS, WIDEST
 from ...engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay, packed
 from ...engine.motion.schedule import MotionRun, Schedule, longest_segments, motion_runs, schedule
 from ...engine.motion.simulator import Simulator
@@ -116,7 +116,7 @@ class Bench:
             self.counted[rows] &= (run.time - run.time[0] >= CAL.settling)[:, None]
         self.time = np.concatenate([run.time for run in self.runs])
         self.inputs = np.vstack([run.inputs for run in self.runs])
-        if len(self.time) * CAL.lanes > PAYS:  # many simulations follow: compile before the first of them
+        if len(self.time) * WIDEST > PAYS:  # many simulations follow: compile before the first of them
             self.simulator.kernel.prepare()
         self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
         self.runs = [with_step_lengths(model, run, each) for run, each in zip(self.runs, self.longest, strict=True)]
@@ -159,7 +159,7 @@ class Bench:
         for key in keys:  # the least recently requested is dropped first
             self._simulated.pop(key, None)
             self._simulated[key] = known[key]
-        most = max(CAL.lanes, CAL.remembered // max(self.measured.size, 1))
+        most = max(WIDEST, CAL.remembered // max(self.measured.size, 1))
         for key in list(self._simulated)[: max(len(self._simulated) - most, 0)]:
             del self._simulated[key]
         return [known[key] for key in keys]
@@ -232,7 +232,7 @@ class Bench:
 
     @property
     def _cuts(self) -> int:
-        return max(1, CAL.lanes // len(self.runs))
+        return max(1, WIDEST // len(self.runs))
 
     def along(self, p: Array) -> Array:
         """Parameters along the segments of `trajectory`, (S, parameters); one vector where they are the same in all."""
@@ -309,7 +309,7 @@ class Bench:
 
     def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
         if shifts not in self._schedules:
-            while len(self._schedules) > 2 * CAL.lanes:
+            while len(self._schedules) > 2 * WIDEST:
                 del self._schedules[next(iter(self._schedules))]
             still = [False] * len(shifts)
             self._schedules[shifts] = [

@@ -41,30 +41,32 @@ class Calibration:
     # ---- prior of model error and of noise
     form: float = _known(0.01, "median of model error over the force, 1: nulls leave 0.2 to 1.5 %", DRAWN)
     form_exact: float = _known(0.001, "the same where a file states every number as exact: a tenth of it")
-    form_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
-    form_sd_stated: float = _known(0.35, "the same where a vehicle file states it: half as uncertain")
+    amplitude_sd: float = _known(0.7, "sd of the logarithm of sizes and correlation times of errors: a factor of two")
     floor: float = _known(0.02, "median of model error at zero force over mass, m/s^2: nulls leave .005 to .03", DRAWN)
     memory: float = _known(0.5, "median correlation time of model error, s: nulls leave 0.1 to 1.6", DRAWN)
-    memory_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
     noise_sd: float = _known(0.03, "sd of the logarithm of stated noise: specifications hold to some per cent")
     noise_sd_estimated: float = _known(1.0, "the same where noise is estimated from second differences")
     colour: float = _known(0.3, "median of readings' slow errors over their white noise", DRAWN)
     colour_exact: float = _known(0.02, "the same where every number is exact")
-    colour_sd: float = _known(0.7, "sd of its logarithm: a factor of two to either side")
     sensor_memory: float = _known(0.1, "median correlation time of readings' errors, s")
     unknown_start: float = _known(0.3, "sd of a state's start that no sensor reads, over its scale: any usual value")
 
     # ---- priors of parameters in addition to a file's
     indifference: float = _known(0.05, "zone about a null over the usual size: a tenth hid true effects", DRAWN)
     timing: float = _known(0.15, "of a row: zone of delays and lags; commands and readings are no nearer to stamps")
-    direction: float = _known(0.005, "sd of the direction of a sensor of v_y, rad: 0.3 degrees, as of imu_mount_yaw")
     of_wheelbase: float = _known(0.15, "usual size of lengths over the wheelbase: 0.4 m of 2.7 m")
     of_weight: float = _known(0.007, "usual size of forces over the weight: 100 N of 1 450 kg")
     of_drag: float = _known(0.5, "usual size of a change of drag over c_2: 0.2 of 0.45 N s^2/m^2")
-    tolerated_sd: float = _known(3.0, "sds within which an effect is its tolerance, and no gap: 0.3 % are beyond")
+    tolerated_sd: float = _known(
+        3.0, "sds within which what is tolerated, drifts or differs is no more than chance: 0.3 % are beyond"
+    )
     reach_sd: float = _known(6.0, "sds that a nuisance or a change may go: its prior holds it nearer")
     jumps_sd: float = _known(1.0, "sd of the jump that an abrupt tolerance makes at its least size: all or nothing")
-    curve_off: float = _known(0.015, "rms of a magic formula with slope and peak stated, over the peak", CURVES)
+    curve_off: float = _known(
+        0.015,
+        "rms of a magic formula with slope and peak stated, over the peak, and of any prediction by such equations",
+        CURVES,
+    )
     slope_off: float = _known(0.015, "sd of slope B C beyond its tolerance, relative: stated slopes are measured")
     peak_off: float = _known(0.018, "sd of the peak beyond its tolerance, relative: stated peaks are measured")
     curve_reach: float = _known(1.2, "slips that drives reach, over that of the peak: beyond it vehicles spin")
@@ -76,8 +78,9 @@ class Calibration:
     )
     rare: float = _known(0.002, "share of vehicles without a gap on which some effect gains its cost", DEFINED)
     cost_changed: float = _known(6.0, "log-odds against a change, 1 in 400: pairs without any gained 3 at most", PAIRS)
-    cost_elsewhere: float = _known(12.0, "the same where they are not driven alike: quiet on pairs of ramps", PAIRS)
-    cost_without_forces: float = _known(7.0, "the same for models without unknown forces: of 40 effects, 1 in 1 000")
+    cost_without_forces: float = _known(
+        7.0, "log-odds against an effect of a model without unknown forces: of 40, 1 in 1 000"
+    )
     second_parameter: float = _known(3.0, "log-odds against a second parameter: 20 places where it may be")
     begins: float = _known(
         20.0, "more, against one that begins or ends: one of 12 nulls gained 25 by one, causes 49 to 4 000", BEGUN
@@ -130,8 +133,9 @@ class Calibration:
     of_spread: float = _known(12.0, "log-odds per spread of a magnitude between parts", BEFORE)
     widest_spread: float = _known(0.4, "spread beyond which a larger one is no stronger sign", BEFORE)
     of_other_signs: float = _known(1.5, "log-odds where noise is not stated, and for too many effects", BEFORE)
-    of_signal: float = _known(0.015, "error of inexact equations over their predictions: the same as of curves")
-    of_small_signal: float = _known(0.05, "the same of v_y, a small difference of large quantities")
+    of_small_signal: float = _known(
+        0.05, "error of predictions of v_y over these, by inexact equations: a small difference of large quantities"
+    )
     far_reading: float = _known(4.5, "robust sds from neighbours' errors, beyond which a reading shows no closure")
     spike: float = _known(6.0, "robust sds of an outlier, where noise is estimated")
     too_large: float = _known(0.8, "residuals over stated noise, below which the latter is stated too large")
@@ -166,20 +170,19 @@ class Calibration:
     strip_cells: int = _known(8, "along each side of the picture over speed and lateral acceleration", DEFINED)
 
     # ---- readings and blocks
-    residual_block: float = _known(2.0, "s over which residuals may be correlated: four median correlation times")
     lags: tuple[float, ...] = _known((0.0, 0.12, 0.4), "s from driving signals to errors: command, lag, motion")
     settling: float = _known(LATEST[1], "s at the beginning of a run that do not count: the largest latency", DEFINED)
     least_seconds: float = _known(1.0, "s of recordings: more than twice the longest lag of those looked at")
     draws: int = _known(400, "of the bootstrap: ends of 95 % intervals scatter by a twentieth of the interval")
-    around: int = _known(5, "rows about a reading whose median it is compared with")
     fewest_channels: int = _known(2, "channels that must repeat together: one alone may be quantised")
     some_repeats: int = _known(3, "repeats that are no accident, where readings have noise")
     steady_step: float = _known(0.5, "noise sds from row to row beyond which a reading's rate is not known")
     rows_beside: int = _known(2, "rows to each side whose mean is subtracted: model errors last, jitter does not")
     fewest_jumps: int = _known(50, "least number of readings that jump with commands for which jumps are examined")
     row_gain: float = _known(3.0, "most log-likelihood that a row may gain: a single one may be an outlier")
-    jitter_least: float = _known(1e-5, "s, the least jitter that is tried: below all sample times")
-    jitter_most: float = _known(0.05, "s, the greatest: beyond all sample times")
+    jitters: tuple[float, float] = _known(
+        (1e-5, 0.05), "s, of which jitter is searched: from below to beyond all sample times"
+    )
     odds: float = _known(0.1, "share of a gain that separate jitters of channels may add, if there is a common one")
     jump_shares: tuple[float, ...] = _known((0.0, 0.25, 0.5, 0.75, 1.0), "of jumps that a model may have absorbed")
 
@@ -189,8 +192,7 @@ class Calibration:
     scatter_rear_stiffness: float = _known(0.12, "the same of the rear stiffness", RUNS)
     scatter_steering_ratio: float = _known(0.04, "the same of the steering ratio", RUNS)
     scatter_steering_offset: float = _known(0.0055, "the same of the steering offset, rad", RUNS)
-    scatter_steering_delay: float = _known(0.013, "the same of the steering delay, s", RUNS)
-    scatter_steering_lag: float = _known(0.013, "the same of the steering lag, s", RUNS)
+    scatter_steering_delay: float = _known(0.013, "the same of the steering delay and of its lag, s", RUNS)
     scatter_yaw_rate_scale: float = _known(0.01, "sd of a gyro's gain, relative: data sheets of MEMS gyros")
     scatter_yaw_rate_bias: float = _known(0.005, "sd of a gyro's reading at rest, rad/s: data sheets of MEMS gyros")
     scatter_accel_bias_y: float = _known(0.05, "the same of an accelerometer, m/s^2: 5 mg, data sheets of MEMS ones")
@@ -200,8 +202,9 @@ class Calibration:
     scatter_velocity_lever_arm: float = _known(
         0.005, "the same of where speed is measured, over the wheelbase: a centre of gravity moves by as much"
     )
-    scatter_sensor_latency_yaw: float = _known(0.001, "sd of a gyro's latency, s: its period, data sheets of MEMS ones")
-    scatter_sensor_latency_imu: float = _known(0.001, "the same of a gyro and accelerometers in one box, s")
+    scatter_sensor_latency_yaw: float = _known(
+        0.001, "sd of the latency, s, of a gyro, alone or with accelerometers: its period, data sheets of MEMS ones"
+    )
     usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from per condition")
     nominal: float = _known(3.0, "sd of a vehicle's own mean where it is not stated, in scatters between runs")
     widened: float = _known(8.0, "prior sd of a change, in scatters: 80 ms of 13 ms, half the grip of 5 %")
@@ -211,23 +214,21 @@ class Calibration:
     steered_alike: float = _known(0.05, "rad, within which steering is alike: half of a tyre's slip at its peak")
     fast_alike: float = _known(0.2, "relative, within which speeds are alike: accelerations within a factor of 1.4")
     driven: float = _known(0.5, "share of seconds driven alike, from which on recordings are: most", DEFINED)
-    elsewhere: float = _known(2.0, "factor on scatters where they are not driven alike: quiet on pairs of ramps", PAIRS)
+    elsewhere: float = _known(
+        2.0, "factor on scatters and costs where they are not driven alike: quiet on pairs of ramps", PAIRS
+    )
     least_scale: float = _known(0.8, "least noise of a recording over that of those before it: sensors do not improve")
     apart: float = _known(0.1, "s between readings that a filter takes: predictions are of motion, not noise", RUNS)
     block: float = _known(1.0, "s of innovations in a block", RUNS)
     together: float = _known(5.0, "blocks in the sums that show their correlation: slower errors are scatter")
     slow: float = _known(0.25, "of the 95th percentile of speed, below which tyres carry a sixteenth of their load")
-    drifts: float = _known(3.0, "sds of a trend over recordings from before, from which on it is reported: 0.3 %")
     rates: float = _known(1.5, "sample time of the slowest recording over the fastest one's: then filters differ")
     filters: float = _known(0.1, "sd of a reading's gain between such: 0.82 to 0.98", "DART laps, 1 pair")
-    filtered: float = _known(0.05, "sd of the gain that filters of all recordings share: half of it", PAIRS)
     block_degrees: float = _known(6.0, "degrees of freedom of the t distribution of a block")
     floor_of_weight: float = _known(0.1, "unknown forces that a filter follows, over the weight, before tuning")
     astray: float = _known(1e3, "innovation, in sds, where the filter has lost the vehicle: any large number")
     followed: float = _known(60.0, "s of a recording that are filtered at most: time is in proportion")
     tuned_on: float = _known(20.0, "s of it on which sizes of noise are tuned")
-    changed_refitted: int = _known(3, "effects that are refitted: those expected to gain most")
-    changed_least: float = _known(1.0, "nats that the second and third of them are expected to gain")
     changed_starts: tuple[float, ...] = _known(
         (-4.0, -2.2, -1.2, -0.6, 0.6, 1.2, 2.2), "sizes tried first, in widths of what may be: grip on ice is 3.5 off"
     )
@@ -240,13 +241,14 @@ class Calibration:
     )  # fmt: skip
     delay_starts: tuple[float, ...] = _known((0.47, 1.9), "the same for delays: none a usual sample time", SEARCHED)
     gradual_start: float = _known(0.3, "the same of effects whose derivative describes larger magnitudes", SEARCHED)
-    rivals: int = _known(3, "best constant hypotheses that are refitted beside one that begins or ends", SEARCHED)
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "least share of rows in which one acts, and does not: fewer inform less", DEFINED)
     part_information: float = _known(
         0.1, "least share of an effect's information on either side; nulls' grip had .01, .02, causes .26", BEGUN
     )
-    begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
+    refitted: int = _known(
+        3, "candidates that are refitted: those expected to gain most, and their best rivals", SEARCHED
+    )
     nearly: float = _known(0.5, "of the best explanation's gain, that one is expected to have to first order", SEARCHED)
     observer_rates: tuple[float, ...] = _known(
         (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
@@ -260,9 +262,10 @@ class Calibration:
 
     # ---- joint search
     few: int = _known(3, "effects of which every set is refitted for its share: eight sets", DEFINED)
-    gradual_sizes: tuple[float, ...] = _known((0.3,), "of its usual size at which an effect is probed", SEARCHED)
     abrupt_sizes: tuple[float, ...] = _known(
-        (0.12, 0.3, 0.7, 1.7), "the same of effects whose derivative vanishes at the null", SEARCHED
+        (0.12, 0.3, 0.7, 1.7),
+        "of its usual size, where an effect is probed whose derivative vanishes at the null",
+        SEARCHED,
     )
     beyond_start: float = _known(2.5, "multiple of such a size, up to which its secant is used", DEFINED)
     evidence_rounds: int = _known(12, "steps of evidence maximisation", SEARCHED)
@@ -318,7 +321,6 @@ class Calibration:
         "nats between two walks, beyond which both are lost: up to 50 near a file, 580 to 3 200 far from one",
         "workshop 778, many 1571, rough 871 and 891, shipped racer, Indy car, CommonRoad",
     )
-    alike_in_both: float = _known(3.0, "sds of the difference of a size in two walks, up to which they agree", DEFINED)
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
     moved_on: float = _known(0.2, "step over scales, after which causes are probed anew", SEARCHED)
     second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
@@ -327,7 +329,6 @@ class Calibration:
     iterations: int = _known(10, "steps of a refit", SEARCHED)
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)
     expected: float = _known(0.1, "of that, below which a step's predicted gain is too small: it is an upper bound")
-    fitted: float = _known(1e-4, "of an objective: predicted reduction at which a closed model's fit ends, as fits do")
     stale: float = _known(0.2, "of its size that a magnitude moves on kept derivatives: they are off by about as much")
     prediction_error: float = _known(
         0.1, "relative error of a predicted gain that renews them: they are a third off then"
@@ -341,7 +342,9 @@ class Calibration:
     at_once: float = _known(0.02, "of an abrupt tolerance's sd, which stands for its least size", SEARCHED)
     within_delay: float = _known(0.9, "half width of a delay's difference, over it, at most: at none readings jump")
     shift_beside: float = _known(0.3, "half width of the difference by an abrupt tolerance, in its sds", SEARCHED)
-    beside: float = _known(1e-3, "step of the difference by a magnitude, over its scale", SEARCHED)
+    beside: float = _known(
+        1e-3, "step of the difference by a magnitude, over its scale, or by a logarithm of an amplitude", SEARCHED
+    )
     shifted: float = _known(1e-4, "the same of delays, s", SEARCHED)
     on_a_row: float = _known(1e-6, "rows, how near to a row a delay is on it: rounding of time stamps")
     early: float = _known(1e-6, "s by which a reading is taken before its row's command: any small time")
@@ -349,7 +352,6 @@ class Calibration:
     screening_steps: int = _known(
         2, "steps after which a delay of whole rows must be better than what it replaces", SEARCHED
     )
-    amplitude_step: float = _known(1e-3, "step of the difference by a logarithm of an amplitude", SEARCHED)
     memory_step: float = _known(1e-5, "step of the difference by a network's parameter: a third of the digits")
     segments: int = _known(2400, "most segments on which amplitudes are estimated", SEARCHED)
     curve_points: int = _known(60, "points of a curve over which its error is averaged", SEARCHED)
@@ -374,7 +376,6 @@ class Calibration:
     thinnest: float = _known(0.05, "s between rows that free runs are fitted to: a tenth of a vehicle's yaw motion")
     excerpt_block: float = _known(20.0, "s of the blocks of an excerpt: long compared with any motion")
     passes: int = _known(2, "through the dynamics: a stage begins with the result of the stage before")
-    lanes: int = _known(8, "simulations at once: two registers of four; results are the same")
     remembered: int = _known(8_000_000, "readings of simulations that are kept, 64 MB; results are the same")
     few_runs: int = _known(8, "runs whose starts are nuisances each; of more they are states of the filter")
 

@@ -114,7 +114,7 @@ def _form(candidate: Candidate, usual: float) -> Form:
         axes.append(free)
         ways.append(at)
     seconds = tuple(axis for axis in axes if axis.low < axis.high)
-    sizes = CAL.gradual_sizes if candidate.gradual else CAL.abrupt_sizes
+    sizes = (CAL.gradual_start,) if candidate.gradual else CAL.abrupt_sizes
     firsts = [main.null + f * usual for f in sizes]
     if not candidate.gradual or seconds or len(axes):
         starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))

@@ -30,8 +30,6 @@ from .bench import Bench
 from .calibration import CAL
 from .unknown_forces import FORCES, SCALES
 
-LEAST = 1e-12
-
 
 @dataclass(frozen=True)
 class Amplitudes:
@@ -101,16 +99,16 @@ def amplitude_prior(
     floor = CAL.floor * form / CAL.form
     n = len(noise)
     colour = (CAL.colour_exact if exact else CAL.colour) * noise
-    usual = {"share": (form, CAL.form_sd), "amplitude": (floor, CAL.form_sd)}
-    usual["correlation_time"] = (CAL.memory, CAL.memory_sd)
+    usual = {"share": (form, CAL.amplitude_sd), "amplitude": (floor, CAL.amplitude_sd)}
+    usual["correlation_time"] = (CAL.memory, CAL.amplitude_sd)
     medians, sds = list[float](), list[float]()
     for name, (middle, sd) in usual.items():
         for force in ("F_y", "F_x"):
             known = getattr(stated.get(force), name, None)
             medians.append(middle if known is None else known)
-            sds.append(sd if known is None else CAL.form_sd_stated)
+            sds.append(sd if known is None else CAL.amplitude_sd / 2)
     all_sds = np.concatenate([
-        sds, [CAL.noise_sd if noise_stated else CAL.noise_sd_estimated] * n, [CAL.colour_sd] * n, [CAL.memory_sd],
+        sds, [CAL.noise_sd if noise_stated else CAL.noise_sd_estimated] * n, [CAL.amplitude_sd] * (n + 1),
     ])  # fmt: skip
     share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
     median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, CAL.sensor_memory)
@@ -340,11 +338,11 @@ def estimated(
     def cost(x: Array) -> tuple[float, Array]:
         at = start + 0.0
         at[free] = x
-        beside = at + CAL.amplitude_step * np.eye(len(at))[free]
+        beside = at + CAL.beside * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
         lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # four fill a register
         nll = negative_log_likelihood(kept, [Amplitudes.of(lane) for lane in lanes], r) + prior.cost(lanes)
-        return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.amplitude_step
+        return float(nll[0]), (nll[1 : 1 + len(beside)] - nll[0]) / CAL.beside
 
     width = 4.0 * prior.sd[free]
     bounds = list(zip(start[free] - width, start[free] + width, strict=True))

@@ -108,15 +108,15 @@ def without_spikes(
     residuals: Array, counted: NDArray[np.bool_], rows: Sequence[slice], spike: float = CAL.spike
 ) -> NDArray[np.bool_]:
     """(N, channels) readings that count and whose residuals are no spikes among their neighbours'."""
-    good = counted & np.isfinite(residuals)
+    good, around = counted & np.isfinite(residuals), 2 * CAL.rows_beside + 1
     for c in range(residuals.shape[1]):
         for row in rows:
             e = np.where(good[row, c], residuals[row, c], np.nan)
-            if np.count_nonzero(np.isfinite(e)) <= 2 * CAL.around:
+            if np.count_nonzero(np.isfinite(e)) <= 2 * around:
                 continue
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
-            padded = np.pad(filled, CAL.around // 2, mode="reflect")
-            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, CAL.around), axis=1)
+            padded = np.pad(filled, around // 2, mode="reflect")
+            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, around), axis=1)
             spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
             good[row, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
@@ -205,7 +205,7 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
     return np.array(result), known
 
 
-def blocks(bench: FreeRuns, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:
+def blocks(bench: FreeRuns, seconds: float = 4 * CAL.memory) -> list[tuple[int, int]]:
     """Rows [a, b) of stretches over which residuals may be correlated, none of them across runs."""
     length = max(1, round(seconds / bench.sample_time))
     return [(a, min(a + length, rows.stop)) for rows in bench.rows for a in range(rows.start, rows.stop, length)]

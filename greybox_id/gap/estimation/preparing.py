@@ -79,7 +79,7 @@ def with_direction(
         return vehicle, effects
     if arm.name not in effects or not any("v_y" in one for one in recordings) or not direction.concerns(model):
         return vehicle, effects
-    stated = Stated(sd=CAL.direction, source="as sensors are mounted")
+    stated = Stated(sd=CAL.scatter_imu_mount_yaw, source="as sensors are mounted")
     return replace(vehicle, effects={**vehicle.effects, direction.name: stated}), {**effects, direction.name: direction}
 
 

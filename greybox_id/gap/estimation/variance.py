@@ -26,7 +26,7 @@ from .calibration import CAL
 
 AT_ONCE = "sensor_latency_imu"
 """Effect that delays readings of accelerations."""
-VARIANCES = (2 * log(CAL.jitter_least), 2 * log(CAL.jitter_most))
+VARIANCES = (2 * log(CAL.jitters[0]), 2 * log(CAL.jitters[1]))
 """Least and greatest logarithm of jitter's variance that is tried."""
 
 

@@ -58,7 +58,7 @@ def _of_one_size(one: JointStage, other: JointStage, null: Array) -> Mask:
     """
     (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.included) for stage in (one, other))
     open_to = np.maximum(
-        CAL.alike_in_both * np.hypot(sd, its_sd), CAL.varies_inexact * np.abs(0.5 * (at + elsewhere) - null)
+        CAL.tolerated_sd * np.hypot(sd, its_sd), CAL.varies_inexact * np.abs(0.5 * (at + elsewhere) - null)
     )
     same = np.abs(at - elsewhere) <= open_to
     return np.asarray(np.where(one.included & other.included, same, one.included == other.included), dtype=bool)

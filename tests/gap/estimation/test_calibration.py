@@ -17,10 +17,9 @@ MATHEMATICS = {
     "evidence": {"NEVER"},  # guards against numbers without meaning
     "examining": {"TINY"},
     "horizons": {"HORIZONS"},  # what is told, not how
-    "innovations": {"G", "NO_GATE"},
-    "model_error": {"LEAST"},
+    "innovations": {"NO_GATE"},
     "preparing": {"OBSERVED"},
-    "columns": {"APART", "BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
+    "columns": {"BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
     "problem": {"LEAST_ZONE", "RIDGE"},
     "sparse": {"NEVER"},  # guards against numbers without meaning
     "usual": {"FAST"},  # a percentile that a sentence names
