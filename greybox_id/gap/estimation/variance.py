@@ -16,7 +16,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
-from scipy.optimize import minimize_scalar
+from scipy.optimize import OptimizeResult, minimize_scalar
 from scipy.special import expit
 
 from ...base.shorthands import Array
@@ -123,38 +123,15 @@ def jitter(
     rates, use = steady_rates(bench, y, sd, good)
     a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
     brief, z = (np.where(use, item, 0.0) for item in (_less_neighbours(z, good, bench.rows), z))
-    h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
-
-    def squares(v: float, of: Array) -> Array:
-        """(N,) squares of residuals less the part expected from jitter of v times their variance."""
-        result: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
-        return result
-
-    def left(v: float, of: Array) -> float:
-        """Mean of `squares`."""
-        return max(float(np.sum(squares(v, of))) / max(int(np.sum(count)), 1), 1e-300)
-
-    def scale(v: float) -> float:
-        """Variance of noise that is most likely beside it."""
-        return left(v, brief)
-
-    def losses(v: float) -> Array:
-        """(N,) negative log-likelihoods of rows."""
-        noise = scale(v)
-        result: Array = 0.5 * (np.log1p(v * h) + count * np.log(noise) + squares(v, brief) / noise)
-        return result
-
-    def loss(log_variance: float) -> float:
-        return float(np.sum(losses(float(np.exp(log_variance)))))
-
-    if not np.any(h > 0):
+    rows = _JitterLikelihood(a, brief, np.sum(use, axis=1))
+    if not np.any(rows.h > 0):
         return None
-    best = minimize_scalar(loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
-    gains = losses(0.0) - losses(float(np.exp(best.x)))
-    gain = float(np.sum(np.minimum(gains, CAL.row_gain)))
-    if _gain_of_separate_jitters(a, brief, use, float(np.exp(best.x))) > CAL.odds * gain:
+    best = minimize_scalar(rows.loss, bounds=VARIANCES, method="bounded", options={"xatol": 1e-3})
+    variance = float(np.exp(best.x))
+    gain = float(np.sum(np.minimum(rows.losses(0.0) - rows.losses(variance), CAL.row_gain)))
+    if _gain_of_separate_jitters(a, brief, use, variance) > CAL.odds * gain:
         gain = 0.0
-    if _correlation_of_rows(a, brief, float(np.exp(best.x)), bench.rows) > CAL.surely:
+    if _correlation_of_rows(a, brief, variance, bench.rows) > CAL.surely:
         gain = 0.0
     tossed = 0.0
     if jumps is not None:
@@ -163,16 +140,57 @@ def jitter(
         )
     if gain + tossed <= 0:
         return None
-    at, step = float(best.x), 0.05
-    curve = (loss(at + step) - 2 * best.fun + loss(at - step)) / step**2
-    variance = float(np.exp(at))
-    rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of its variance remains once the mean is subtracted
-    tau = float(np.sqrt(variance * scale(variance) / rest))
-    ends = [variance * float(np.exp(side)) for side in (-step, step)]
-    follows = float(np.log(ends[1] * scale(ends[1]) / (ends[0] * scale(ends[0]))) / (2 * step))  # tau, noise refitted
-    spread = float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
+    tau, spread = rows.sd_at(best)
     explained = 2.0 * tossed / max(int(np.sum(good)), 1)
-    return Scatter(tau, spread, max(gain, 0.0) + tossed, max(left(variance, z) - explained, 0.0))
+    return Scatter(tau, spread, max(gain, 0.0) + tossed, max(rows.left(variance, z) - explained, 0.0))
+
+
+class _JitterLikelihood:
+    """Likelihood of jitter's variance v, over that of noise, whose own variance is the likeliest beside it.
+
+    Parameters
+    ----------
+    a : (N, channels) rates of readings over noise.
+    brief : (N, channels) residuals over noise, less the mean of their neighbours.
+    count : (N,) readings of each row.
+    """
+
+    def __init__(self, a: Array, brief: Array, count: NDArray[np.intp]) -> None:
+        self.a, self.brief, self.count, self.h = a, brief, count, np.sum(a**2, axis=1)
+
+    def _squares(self, v: float, of: Array) -> Array:
+        """(N,) squares of residuals less the part expected from jitter."""
+        return np.asarray(np.sum(of**2, axis=1) - v * np.sum(self.a * of, axis=1) ** 2 / (1 + v * self.h))
+
+    def left(self, v: float, of: Array) -> float:
+        """Mean square of residuals that jitter leaves."""
+        return max(float(np.sum(self._squares(v, of))) / max(int(np.sum(self.count)), 1), 1e-300)
+
+    def losses(self, v: float) -> Array:
+        """(N,) negative log-likelihoods of rows."""
+        noise = self.left(v, self.brief)
+        return np.asarray(
+            0.5 * (np.log1p(v * self.h) + self.count * np.log(noise) + self._squares(v, self.brief) / noise)
+        )
+
+    def loss(self, log_variance: float) -> float:
+        """Negative log-likelihood of all rows."""
+        return float(np.sum(self.losses(float(np.exp(log_variance)))))
+
+    def sd_at(self, best: OptimizeResult) -> tuple[float, float]:
+        """Standard deviation of jitter, s, at the optimum of `loss`, and the standard error of that."""
+        at, step = float(best.x), 0.05
+        curve = (self.loss(at + step) - 2 * best.fun + self.loss(at - step)) / step**2
+        rest = 1 - 1 / (2 * CAL.rows_beside + 1)  # of its variance remains once the mean is subtracted
+
+        def square(v: float) -> float:
+            return v * self.left(v, self.brief)
+
+        variance = float(np.exp(at))
+        tau = float(np.sqrt(square(variance) / rest))
+        low, high = (variance * float(np.exp(side)) for side in (-step, step))
+        follows = float(np.log(square(high) / square(low)) / (2 * step))  # of tau, noise refitted
+        return tau, float(0.5 * tau * follows / np.sqrt(max(curve, 1e-3)))
 
 
 def _gain_of_separate_jitters(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
