@@ -15,7 +15,7 @@ import numpy as np
 from ..base.shorthands import Array, Index
 from .trace import Trace
 from .virtual import SampledFunction, call, on_arrays
-from .windows import windows
+from .windows import samples
 
 LOOP = 32
 """Steps of the loop per CasADi call: of MS-NN-full, making the function takes 10 ms, as long as two simulations of 2440
@@ -106,7 +106,7 @@ class _Loop:
         beside = np.empty((len(u) - trace.memory, len(self._taps)))
         for signal, z in zip(self._beside, self._stage_beside(u[:-1], p).T, strict=True):
             here = np.flatnonzero(trace.tap_signal[self._taps] == signal)
-            beside[:, here] = np.ascontiguousarray(windows(z, trace.memory)) @ weights[self._taps[here]].T
+            beside[:, here] = samples(z, trace.memory) @ weights[self._taps[here]].T
         rows = self._varying(u[trace.memory - 1 : -1], beside, p)
         return rows, call(self._staying, p)
 

@@ -18,7 +18,7 @@ from ..base.shorthands import Array, Index, Mask
 from ..datasets.recording import Recording
 from .free_run import free_run
 from .trace import Columns, Trace, tidy
-from .windows import weighted_windows, windows
+from .windows import samples, weighted_windows, windows
 
 SAMPLE_TIME_TOLERANCE = 0.02
 """Largest relative difference between the sample times of a recording and of the model."""
@@ -150,7 +150,8 @@ class Run:
         weighted = [y_by_h, y_by_p, y_by_u]
         if weight is not None:
             of_outputs = (trace.head_by_h.row, direct.row, trace.head_by_u.row)
-            weighted = [of * weight[:, rows] if of.size else of for of, rows in zip(weighted, of_outputs, strict=True)]
+            pairs = zip(weighted, of_outputs, strict=True)  # stored by columns, as they are used
+            weighted = [(of.T * weight.T[rows]).T if of.size else of for of, rows in pairs]
         by_p = _Sum(len(h), outputs, len(p), by_rows=nodes is not None)
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
@@ -165,9 +166,12 @@ class Run:
         for tap, (columns, h_by_p) in through_stage.items():
             for k, output in trace.tap_outputs[tap]:
                 by_p.add(output, columns, weighted[0][:, k, None], h_by_p)
-        for tap, signal in enumerate(trace.tap_signal):
+        seen: dict[int, Array] = {}
+        for tap, signal in enumerate(trace.tap_signal.tolist()):
             if len(trace.tap_weights[tap].places):
-                h_by_p = self._through_weights(tap, windows(z[:-1, signal], trace.memory), p)
+                if signal not in seen:
+                    seen[signal] = samples(z[:-1, signal], trace.memory)
+                h_by_p = self._through_weights(tap, seen[signal], p)
                 for k, output in trace.tap_outputs[tap]:
                     by_p.add(output, trace.tap_weights[tap].at, weighted[0][:, k, None], h_by_p)
         for k, (output, column) in enumerate(zip(direct.row, direct.column, strict=True)):
@@ -241,7 +245,7 @@ class Run:
         h = np.empty((len(u) - trace.memory, len(weights)))
         for signal in range(z.shape[1]):
             taps = np.flatnonzero(trace.tap_signal == signal)
-            h[:, taps] = np.ascontiguousarray(windows(z[:-1, signal], trace.memory)) @ weights[taps].T  # for BLAS
+            h[:, taps] = samples(z[:-1, signal], trace.memory) @ weights[taps].T
         if self._seen is not None and u is self._seen[1]:  # inputs from fed-back predictions differ every time
             self._looked = u, p.copy(), z, h
         return z, h

@@ -18,6 +18,14 @@ def windows(values: Array, length: int) -> Array:
     return as_strided(values, shape, (step, *values.strides[1:], step), writeable=False)
 
 
+def samples(values: Array, length: int) -> Array:
+    """Every window of a series, copied, (n - length + 1, length): stored by columns, as derivatives by weights are.
+
+    BLAS takes no overlapping rows, and numpy multiplies a copy in a third of the time.
+    """
+    return np.ascontiguousarray(windows(values, length).T).T
+
+
 def weighted_windows(values: Array, weights: Array) -> Array:
     """Inner products of weights with every window of the rows: (n, c), (L,) -> (n - L + 1, c).
 
