@@ -14,7 +14,6 @@ from ..base.errors import GreyboxError
 from ..base.version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
-from .late import LateImports
 from .terminal import OutputFailed, clean, drop_output, interrupts, streams, tell
 
 INTERRUPTED = 130
@@ -22,9 +21,6 @@ INTERRUPTED = 130
 COLLECTED = (250_000, 1, 1)
 """Thresholds of garbage collection: with Python's defaults it takes a tenth of a report's time, and finds hardly one in
 a hundred of the objects of imports and figures. The first is three times what the imports of a fit leave."""
-
-LATE = ("pandas", "numpy.f2py", "numpy.testing", "numpy.ma", "numpy.random", "numpy.polynomial")
-"""Modules that are imported at their first use; scipy imports all of numpy's, for names that it never uses."""
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -53,7 +49,6 @@ def main() -> None:
     """
     gc.set_threshold(*COLLECTED)
     atexit.register(gc.freeze)  # the process ends: nothing is collected any more
-    sys.meta_path.insert(0, LateImports(*LATE))
     with warnings.catch_warnings(), streams(), interrupts() as sent:
         warnings.showwarning = _discarded
         try:

@@ -100,9 +100,6 @@ def instants(table: RawTable, column: Column, labels: Sequence[str] = ()) -> Ins
     BadInput
         A cell is neither a number nor a date.
     """
-    known = table.array(column.column)
-    if known is not None and not column.rest:
-        return _run_on(known, float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0]), labels)
     series = _dates(table.column(column.column), table.where, column.column)
     if _on_a_clock(series):
         return Instants(_of_clock(series, table.where, column.column), 1.0)

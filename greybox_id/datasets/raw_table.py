@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
@@ -25,14 +24,14 @@ class RawTable:
     ----------
     where : the file as the user named it.
     names : column names, in the file's order.
-    columns : the values, one series each; arrays where all cells are numbers.
+    columns : the values, one series each.
     first_row : row number of the first values, counted from 1: 2 below a header line, else 1.
     units : column -> unit, for columns whose unit the file states.
     """
 
     where: str
     names: tuple[str, ...]
-    columns: tuple[pd.Series[Any] | NDArray[Any], ...]
+    columns: tuple[pd.Series[Any], ...]
     first_row: int
     units: Mapping[str, str] = field(default_factory=dict)
 
@@ -41,20 +40,7 @@ class RawTable:
 
     def column(self, name: str) -> pd.Series[Any]:
         """(n,) values of a column as the file holds them."""
-        column = self._held(name)
-        return pd.Series(column) if isinstance(column, np.ndarray) else column
-
-    def _held(self, name: str) -> pd.Series[Any] | NDArray[Any]:
         return self.columns[self.names.index(name)]
-
-    def array(self, name: str) -> NDArray[Any] | None:
-        """(n,) values of a column all of whose cells are known to be numbers, whole ones as integers; else None."""
-        column = self._held(name)
-        return column if isinstance(column, np.ndarray) else None
-
-    def numeric(self, name: str) -> bool:
-        """Whether a column holds numbers, or nothing."""
-        return self.array(name) is not None or pd.api.types.is_numeric_dtype(self.column(name).dtype)
 
     def numbers(self, name: str) -> Array:
         """(n,) values of a column; NaN for empty cells.
@@ -64,9 +50,6 @@ class RawTable:
         BadInput
             A cell is not a number: the error names the row and the cell.
         """
-        known = self.array(name)
-        if known is not None:
-            return known.astype(float)
         column = self.column(name)
         if pd.api.types.is_numeric_dtype(column.dtype) and not pd.api.types.is_bool_dtype(column.dtype):
             return column.to_numpy(dtype=float, na_value=np.nan)
@@ -88,23 +71,8 @@ class RawTable:
 
     def turned(self) -> RawTable:
         """The table with its rows in reverse order."""
-        return replace(
-            self,
-            columns=tuple(
-                column[::-1] if isinstance(column, np.ndarray) else column.iloc[::-1].reset_index(drop=True)
-                for column in self.columns
-            ),
-        )
-
-    def every(self, step: int) -> RawTable:
-        """Every so many rows of the table, from the first on."""
-        return replace(
-            self,
-            columns=tuple(
-                column[::step] if isinstance(column, np.ndarray) else column.iloc[::step] for column in self.columns
-            ),
-        )
+        return replace(self, columns=tuple(column.iloc[::-1].reset_index(drop=True) for column in self.columns))
 
     def labels(self, name: str) -> list[str]:
         """(n,) values of a column as text, to compare rows by."""
-        return [str(value) for value in self._held(name).tolist()]
+        return [str(value) for value in self.column(name).tolist()]

@@ -93,20 +93,6 @@ def test_what_is_not_needed_is_not_loaded(code, unneeded):
     assert found.stdout.splitlines()[-1] == "set()"
 
 
-def test_the_command_line_loads_pandas_only_where_it_is_used():
-    lap = gb.datasets.shipped("racer_train")
-    code = (
-        f"import sys; sys.argv = ['greybox', 'data', 'check', {str(lap)!r}, '--columns', 'roboracer']\n"
-        "from greybox_id.cli import main\ntry: main()\nexcept SystemExit: pass\n"
-        "assert 'pandas.core' not in sys.modules\n"
-        "import pandas as pd; from pandas.api.types import is_numeric_dtype\n"
-        "assert is_numeric_dtype(pd.Series([1.0]).dtype) and sys.modules['pandas'].DataFrame is pd.DataFrame\n"
-        "import numpy as np, scipy.sparse; from numpy.testing import assert_array_equal\n"
-        "assert_array_equal(np.ma.masked_invalid([1.0, np.nan]).mask, [False, True]); np.random.default_rng(0)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, stdout=subprocess.DEVNULL)
-
-
 def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():
     code = (
         "import greybox_id as gb; import greybox_id.fitting.fit, greybox_id.export.verb, greybox_id.models.registry;"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from pandas.api.types import is_numeric_dtype
 
 from ...base.units import known_unit
 
@@ -44,45 +44,13 @@ def unit_behind(cell: str) -> str:
     return parts[2] if parts and known_unit(parts[2]) else ""
 
 
-PLAIN_BYTES = 1_000_000
-"""Largest text whose numbers numpy reads: of longer ones pandas reads them in a third of the time, which then exceeds
-the time of its import."""
-_DIGITS, _FRACTION = b"0123456789+-", b".eE"
-
-
-def plain_numbers(text: bytes, separator: str, count: int) -> tuple[NDArray[Any], ...] | None:
-    """The columns of rows in which every cell is a number, whole ones as integers; None for any other text.
-
-    Parameters
-    ----------
-    text : rows of values.
-    separator : of cells.
-    count : number of columns.
-    """
-    between = separator.encode()
-    if len(text) > PLAIN_BYTES or len(between) != 1 or text.translate(None, _DIGITS + _FRACTION + between + b"\r\n"):
-        return None
-    rows = [line.split(between) for line in text.splitlines()]
-    if any(len(row) != count for row in rows):
-        return None
-    try:
-        return tuple(map(_numbers_of, zip(*rows, strict=True)))
-    except (ValueError, OverflowError):  # a cell is empty, or no number, or a longer one than an integer holds
-        return None
-
-
-def _numbers_of(cells: tuple[bytes, ...]) -> NDArray[Any]:
-    fractions = b"".join(cells).translate(None, _DIGITS)
-    return np.array(cells, dtype=float) if fractions else np.array([*map(int, cells)], dtype=np.int64)
-
-
 def as_numbers(frame: pd.DataFrame, decimal: str) -> tuple[pd.DataFrame, dict[int, str], int]:
     """The rows with text converted to numbers, units in cells by column, and the number of non-numeric rows.
 
     Non-numeric rows between numbers are blanked: names repeated when a logger restarted, and its closing remarks.
     """
     texts: dict[Any, pd.Series[Any]] = {
-        k: _cells_of(column) for k, column in frame.items() if not pd.api.types.is_numeric_dtype(column.dtype)
+        k: _cells_of(column) for k, column in frame.items() if not is_numeric_dtype(column.dtype)
     }
     known = {k: _numbers_in(text, decimal) for k, text in texts.items()}
     mostly = {k: v for k, (v, _) in known.items() if v.notna().sum() > MOSTLY * texts[k].notna().sum()}

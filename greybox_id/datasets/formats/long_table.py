@@ -62,10 +62,10 @@ def apart_by_name(table: RawTable, kind: str) -> Contents | None:
 
 def _roles(table: RawTable) -> tuple[str, str, str, str] | None:
     """The columns of time, channel names, values and units (empty for none); None if it is not a long table."""
-    if not len(table) or len(table.names) > COLUMNS_OF_READINGS or all(map(table.numeric, table.names)):
+    if not len(table) or len(table.names) > COLUMNS_OF_READINGS:
         return None
     words = {name: _words(name) for name in table.names}
-    texts = {name for name in table.names if not table.numeric(name)}
+    texts = {name for name in table.names if not pd.api.types.is_numeric_dtype(table.column(name).dtype)}
     units = next((name for name in table.names if words[name] & UNITS and name in texts), "")
     times = [n for n in table.names if words[n] & TIMES and (n not in texts or is_instants(table.column(n)))]
     values = [n for n in table.names if words[n] & VALUES and n not in (*times, units)]

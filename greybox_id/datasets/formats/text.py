@@ -30,7 +30,7 @@ from ...base.errors import BadInput
 from ..column_map import SEPARATORS, ColumnMap
 from ..raw_table import RawTable
 from . import LARGEST, Columns, Contents, bounded, few_enough, one_column, whole
-from .cells import DECIMAL_COMMA, NOTHING, as_numbers, is_value, plain_numbers, stated_unit, unit_behind
+from .cells import DECIMAL_COMMA, NOTHING, as_numbers, is_value, stated_unit, unit_behind
 from .long_table import apart_by_name
 from .raw_can import must_hold_signals
 
@@ -341,10 +341,6 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
         units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
         empty = tuple(pd.Series([], dtype=float) for _ in names)
         return RawTable(where, names, empty, layout.first + 1, units), layout
-    columns = plain_numbers(body, layout.separator, len(names)) if layout.decimal == "." else None
-    if columns is not None:
-        units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
-        return RawTable(where, names, columns, layout.first + 1, units), layout
     with as_sentences(where, layout):
         frame = pd.read_csv(io.BytesIO(body), **options(layout))
     return table_of(frame, layout, where)

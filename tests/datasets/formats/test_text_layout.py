@@ -5,8 +5,8 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map, parse_column_map
-from greybox_id.datasets.formats import cells, contents
-from greybox_id.datasets.formats.text import csv_table, layout_of
+from greybox_id.datasets.formats import contents
+from greybox_id.datasets.formats.text import layout_of
 from greybox_id.datasets.mapping import propose
 from greybox_id.datasets.read import read
 
@@ -297,30 +297,3 @@ def test_one_strange_cell_is_named(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join([*table()[:11], "0.95,fast,0.1", *table()[11:]]))
     with pytest.raises(BadInput, match="row 12: 'fast' is not a number"):
         propose(tmp_path / "log.csv")
-
-
-CELLS = ["1", "-0", "+3", "007", "2.5", "1.", "-.5", "1e5", "4.9e-324", "9007199254740993"]
-
-
-@pytest.mark.parametrize("strange", ["", "nan", "abc", "1-2", "+", "12345678901234567890", "1_000", "0x1", " 1"])
-@pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
-def test_numbers_are_the_same_whether_pandas_reads_them_or_numpy(strange, ends, monkeypatch):
-    plain = ends.join([CELLS[0] + "," + cell for cell in CELLS]) + ends
-    for rows in (plain, plain + "1,1", plain + f"1,{strange}{ends}1,1", plain + ends + "1,2" + ends):
-        tables = []
-        for largest in (cells.PLAIN_BYTES, 0):
-            monkeypatch.setattr(cells, "PLAIN_BYTES", largest)
-            tables.append(csv_table(f"a,b{ends}{rows}".encode(), "cells.csv"))
-        (numpy_s, layout), (pandas_s, expected) = tables
-        assert layout == expected
-        for name in ("a", "b"):
-            np.testing.assert_array_equal(numpy_s.column(name).to_numpy(), pandas_s.column(name).to_numpy())
-            assert numpy_s.column(name).dtype == pandas_s.column(name).dtype
-            assert numpy_s.labels(name) == pandas_s.labels(name)
-        monkeypatch.undo()
-
-
-def test_whole_numbers_without_a_fraction_stay_integers():
-    table, _ = csv_table(b"t,u\n1,1.0\n2,2\n", "cells.csv")
-    assert [table.array(name).dtype.kind for name in ("t", "u")] == ["i", "f"]
-    assert table.turned().labels("t") == ["2", "1"]
