@@ -65,11 +65,10 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
 
 def true_closure(case: Path, held_out: Path, answer: Answer) -> float:
     """Likewise for the present effects at their true magnitudes; NaN if they cannot be simulated."""
-    stated = vehicle(case / "vehicle.toml")
     there = {name: Stated(value) for name, value in answer.effects.items() if name in EFFECTS}
     second = {name: value for name, value in answer.about.get("drawn", {}).items() if name not in answer.effects}
     try:
-        after = motion_model_of(replace(stated, effects={**stated.effects, **there}))
+        after = must_be(MotionModel, build("single_track", effects=there, vehicle=vehicle(case / "vehicle.toml")))
         after = after.with_parameters(*(after[name].with_value(item) for name, item in second.items() if name in after))
         return _closed(case, held_out, after)
     except GreyboxError:

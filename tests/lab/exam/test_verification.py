@@ -11,7 +11,8 @@ from greybox_id.base.json_data import without_nan
 from greybox_id.gap.gap import Closure, Gap, Ranked, Where
 from greybox_id.models.registry import build
 from greybox_lab.cli.exam import diagnose_case
-from greybox_lab.exam.verification import held_out_closure, model_from, plain_model
+from greybox_lab.exam.answers import Answer
+from greybox_lab.exam.verification import held_out_closure, model_from, plain_model, true_closure
 
 VEHICLE = """
 name = "car"
@@ -65,6 +66,24 @@ def test_the_closed_model_is_compared_with_that_of_the_vehicle_file(case, closed
     assert float(after["steering_delay"].array) == pytest.approx(0.031 * 1.01)
     assert [len(recording) for recording in recordings] == [2]
     assert dict(stated.noise) == {"yaw_rate": 0.01}
+
+
+def test_the_true_effects_are_in_the_model_that_they_close(case, monkeypatch):
+    seen = []
+
+    def closure(before, after, *_, **__):
+        seen.append((before, after))
+        return SimpleNamespace(closed=0.95)
+
+    monkeypatch.setattr("greybox_lab.exam.verification.closure", closure)
+    drawn = {"steering_delay": 0.04, "gust_direction": 0.5, "outside_the_vocabulary": 1.0}
+    present = {"steering_delay": 0.04, "wind_gust": 3.0, "outside_the_vocabulary": 1.0}
+    answer = Answer("case_000", "many", "many", present, about={"drawn": drawn})
+    assert true_closure(case, case / "recording.csv", answer) == 0.95
+    ((before, after),) = seen
+    assert not before.effects
+    assert set(after.effects) == {"steering_delay", "wind_gust"}
+    assert [float(after[name].array) for name in ("m", *after.effects)] == [1500.0, 0.04, 3.0]
 
 
 def test_a_model_that_cannot_be_simulated_closes_nothing(case, closed, monkeypatch):
