@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -48,6 +49,22 @@ def interrupts_return() -> Iterator[None]:
         yield
     finally:
         sys.unraisablehook = heard
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Within the context, Ctrl-C waits until its end: results of long work are written whole."""
+    handler, came = signal.getsignal(signal.SIGINT), list[int]()
+    if not callable(handler) or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if came:
+        handler(came[0], None)
 
 
 def _interrupt_soon() -> None:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import click
 
+from ..base.interrupts import uninterrupted
 from .defaults import command_line
 from .options import (
     ABOVE_ZERO,
@@ -153,12 +154,13 @@ def fit(
             pretrain_beyond=pretrain_beyond,
             progress=say,
         )
-    path = replace(result, command=command_line()).save(target)
-    if as_json:
-        more = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
-        print_json(result.to_json() | more)
-    else:
-        show(result.parts())
-        console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
-        console().print(f"         to score it on other recordings: greybox validate {path} RECORDING")
+    with uninterrupted():
+        path = replace(result, command=command_line()).save(target)
+        if as_json:
+            more = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
+            print_json(result.to_json() | more)
+        else:
+            show(result.parts())
+            console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
+            console().print(f"         to score it on other recordings: greybox validate {path} RECORDING")
     end_by(result.verdict)

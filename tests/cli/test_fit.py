@@ -162,11 +162,11 @@ def test_ctrl_c_keeps_the_best_so_far(seconds, tmp_path):
     printed, _ = process.communicate(timeout=120)
     saved = json.loads((tmp_path / "out" / "fit.json").read_text())
     assert len(saved["stages"]) > 1
-    if seconds > 0.1 and process.returncode in (0, -signal.SIGINT):
-        return  # it had ended
+    if seconds > 0.1:
+        assert process.returncode in (130, 0, -signal.SIGINT)  # the last two: it had ended
+        return
     assert process.returncode == 130
-    interrupted = any("interrupted" in stage["status"] for stage in json.loads(printed)["stages"])
-    assert interrupted or any("Interrupted" in reason for reason in saved["reasons"])
+    assert any("interrupted" in stage["status"] for stage in json.loads(printed)["stages"])
 
 
 def _heeds_interrupts():
