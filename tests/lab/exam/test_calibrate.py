@@ -64,7 +64,7 @@ def test_numbers_of_the_search_are_halved_and_doubled_in_processes_of_their_own(
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for case in sorted((exam / "cases").iterdir())[2:]:
         (case / "recording.csv").unlink()
-    found = search([exam], draws=3, seed=1, jobs=1, diagnoser="test_calibrate:diagnose")
+    found = search([exam], draws=3, seed=2, jobs=1, diagnoser="test_calibrate:diagnose")
     assert found["numbers"] == sum(data == SEARCHED for _, _, data in provenance().values())
     assert found["cases"] == 2
     assert found["of"] == 6
