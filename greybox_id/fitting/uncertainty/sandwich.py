@@ -433,7 +433,8 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     share_of_data = by_data[determined] / (by_data + by_prior)[determined]
     result.covariance[among], result.independent[among] = of_data + of_prior, inverse
     of_sum = np.maximum(trace[determined] ** 2 / squares[determined], 1.0)
-    result.dof[np.flatnonzero(free)[determined]] = of_sum / share_of_data**2
+    with np.errstate(divide="ignore"):  # what the prior alone informs has infinitely many
+        result.dof[np.flatnonzero(free)[determined]] = of_sum / share_of_data**2
     return result
 
 
