@@ -156,11 +156,11 @@ def fit(
         )
     with uninterrupted():
         path = replace(result, command=command_line()).save(target)
-        if as_json:
-            more = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
-            print_json(result.to_json() | more)
-        else:
-            show(result.parts())
-            console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
-            console().print(f"         to score it on other recordings: greybox validate {path} RECORDING")
+    if as_json:
+        more = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
+        print_json(result.to_json() | more)
+    else:
+        show(result.parts())
+        console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
+        console().print(f"         to score it on other recordings: greybox validate {path} RECORDING")
     end_by(result.verdict)
