@@ -101,16 +101,15 @@ class Blocks:
     def leverages(self, block: int, free: Mask, U: Array) -> tuple[Array, Array]:
         """Leverages of a block on the free unknowns and their directions, in coordinates in which H is the unit matrix.
 
-        Directions on which it has none may be absent: those of a block have at most as many as rows.
+        Directions on which it has none may be absent.
         """
-        rows = [J[:, free] @ U.T for g, J in self.J if g == block]
-        root = np.concatenate(rows) if rows else np.empty((len(U), 0))
-        if not rows or len(root) >= len(U):
-            of_block = root.T @ root if rows else U @ self.H[block][np.ix_(free, free)] @ U.T
+        root = np.concatenate([np.empty((0, len(U))), *(J[:, free] @ U.T for g, J in self.J if g == block)])
+        if not self.J or len(root) >= len(U):
+            of_block = root.T @ root if self.J else U @ self.H[block][np.ix_(free, free)] @ U.T
             share, Q = np.linalg.eigh(of_block)
             return np.clip(share, 0.0, 1.0), Q
         share, V = np.linalg.eigh(root @ root.T)
-        seen = share > NO_LEVERAGE * max(float(share[-1]), NO_LEVERAGE)
+        seen = share > NO_LEVERAGE * float(np.max(share, initial=NO_LEVERAGE))
         return np.clip(share[seen], 0.0, 1.0), (root.T @ V[:, seen]) / np.sqrt(share[seen])
 
     def over_all(self, of_kept: Array, of_local: Array) -> Array:

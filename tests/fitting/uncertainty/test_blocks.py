@@ -45,3 +45,15 @@ def test_the_start_of_a_short_prediction_is_as_uncertain_as_its_few_rows_leave_i
     told = Linear(y, J, index=index).told()
     np.testing.assert_allclose(told.sd[2:], np.sqrt(np.diag(told.independent))[2:], rtol=0.15)  # the noise has sd 1
     assert np.all((told.dof[2:] >= 1.0) & (told.dof[2:] <= 15.0))
+
+
+@pytest.mark.parametrize("rows", [3, 8])
+def test_leverages_follow_from_rows_as_from_products_and_are_none_without_rows(rows):
+    J, U = np.random.default_rng(rows).standard_normal((rows, 5)) / 9.0, np.eye(5)
+    of_rows = sandwich.Blocks(np.ones(5, bool), np.zeros((1, 5, 5)), [(0, J)], *[np.zeros(0)] * 6, 0.0, 1.0, 1.0)
+    products = np.stack([J.T @ J, np.zeros((5, 5))])
+    of_products = sandwich.Blocks(np.ones(5, bool), products, [], *[np.zeros(0)] * 6, 0.0, 1.0, 1.0)
+    for block in (0, 1):
+        (share, Q), (every, P) = (each.leverages(block, np.ones(5, bool), U) for each in (of_rows, of_products))
+        np.testing.assert_allclose((Q * share) @ Q.T, (P * every) @ P.T, atol=1e-12)
+        np.testing.assert_allclose((P * every) @ P.T, products[block], atol=1e-12)
