@@ -365,7 +365,7 @@ class Calibration:
     most_relative: float = _known(0.1, "largest relative sd in that step")
     delay_step: float = _known(5e-3, "the same of delays, s: rows cut what they move")
     clocks: float = _known(0.1, "s by which clocks of commands and readings differ: 77 ms found", "DART, data check")
-    amplitude_steps: int = _known(8, "of the search for amplitudes", SEARCHED)
+    amplitudes_settled: float = _known(0.01, "nats: predicted gain of a step at which the search for amplitudes ends")
     coefficient_rows: int = _known(20, "rows per coefficient of the autoregressive process", SEARCHED)
     smooth: float = _known(0.2, "s over which regimes are smoothed, so that noise does not define them", DEFINED)
     damping: float = _known(1e-3, "least nonzero damping of such steps, over the Hessian's diagonal: Nielsen's first")

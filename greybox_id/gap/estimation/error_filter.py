@@ -18,7 +18,7 @@ Index = NDArray[np.intp]
 @begun
 def likelihood(  # pragma: no cover
     F: Array, H: Array, sd: Array, fade: Array, colour: Array, slow: Array, white: Array, start: Array,
-    first: NDArray[np.bool_], pointer: Index, channel: Index, r: Array, gain: Array, size: Array,
+    first: NDArray[np.bool_], pointer: Index, channel: Index, r: Array, gain: Array, size: Array, fisher: Array,
 ) -> Array:  # fmt: skip
     """Negative log-likelihood of residuals under each lane's amplitudes.
 
@@ -33,6 +33,7 @@ def likelihood(  # pragma: no cover
     pointer : (S + 1,) index of the first reading of each segment.
     channel, r : (R,) of each reading; its residual.
     gain, size : (R, n), (R,) results: the first lane's gains, and standard deviations of its innovations; or empty.
+    fisher : (L, L) result: Fisher information of differences of the lanes from the first one; or empty.
 
     Returns
     -------
@@ -44,7 +45,7 @@ def likelihood(  # pragma: no cover
     decay, driven = np.zeros((n - nz, L)), np.zeros((n - nz, L))
     M, N, moved = np.zeros((nz, n, L)), np.zeros((n, nz, L)), np.zeros((nz, L))
     g1, P1, M1, N1 = g.reshape(1, n * L), P.reshape(n, n * L), M.reshape(nz, n * L), N.reshape(n, nz * L)
-    nll = np.zeros(L)
+    nll, logarithm, loud, off = np.zeros(L), np.zeros(L), np.zeros(L), np.zeros(L)
     for k in range(S):
         if first[k]:
             _begin(x, P, start, colour, sd[k])
@@ -55,7 +56,10 @@ def likelihood(  # pragma: no cover
             _innovation(x, h, white[c], r[i], g, s, nu)
             _update(x, P, g, s, nu, precision, K)
             for lane in range(L):
-                nll[lane] += 0.5 * (nu[lane] * nu[lane] / s[lane] + np.log(s[lane]))
+                logarithm[lane] = np.log(s[lane])
+                nll[lane] += 0.5 * (nu[lane] * nu[lane] / s[lane] + logarithm[lane])
+            if len(fisher) > 0:
+                _inform(fisher, logarithm, nu, s[0], loud, off)
             if len(size) > 0:
                 size[i] = np.sqrt(s[0])
                 for a in range(n):
@@ -153,6 +157,20 @@ def _update(  # pragma: no cover
         for b in range(n):
             for q in range(L):
                 P[a, b, q] -= g[a, q] * K[b, q]
+
+
+@compiled
+def _inform(  # pragma: no cover
+    fisher: Array, logarithm: Array, nu: Array, s: float, loud: Array, off: Array
+) -> None:
+    """Add what a reading tells of differences between lanes: half the square of log s, and that of nu / sqrt(s)."""
+    L, root = len(nu), 1.0 / np.sqrt(s)
+    for q in range(L):
+        loud[q] = np.sqrt(0.5) * (logarithm[q] - logarithm[0])
+        off[q] = root * (nu[q] - nu[0])
+    for p in range(L):
+        for q in range(L):
+            fisher[p, q] += loud[p] * loud[q] + off[p] * off[q]
 
 
 @compiled

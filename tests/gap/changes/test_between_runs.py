@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.gap.changes.between_runs import Curve, VaryingNumber, common, descended, explained, values_of
+from greybox_id.gap.changes.between_runs import VaryingNumber, common, explained, values_of
+from greybox_id.gap.estimation.descent import Curve, descended
 
 NUMBERS = (
     VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),

@@ -10,12 +10,13 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
-from greybox_id.gap.changes.between_runs import Curve, VaryingNumber
+from greybox_id.gap.changes.between_runs import VaryingNumber
 from greybox_id.gap.changes.search import Change, changes
 from greybox_id.gap.changes.sensitivity import visible
 from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike, driven_elsewhere
 from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filtered_alike, visible_changes
 from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.descent import Curve
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Stated

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
+from scipy.optimize import minimize
 
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.model_error import (
@@ -13,6 +14,8 @@ from greybox_id.gap.estimation.model_error import (
     estimated,
     linearised,
     model_error,
+    negative_log_likelihood,
+    tuned_on,
 )
 from greybox_id.gap.estimation.preparing import prepare_plain
 from greybox_id.models.effects import EFFECTS
@@ -126,10 +129,45 @@ def test_residuals_of_these_amplitudes_are_white_under_them(bench, about):
 def test_amplitudes_are_found_again(bench, about):
     own = amplitudes()
     e = drawn(about, own, bench.measured.shape, 5)
-    found = estimated(about, e, bench.counted, amplitude_prior(SD, noise_stated=True, exact=False, stated={}), steps=40)
+    found = estimated(about, e, bench.counted, amplitude_prior(SD, noise_stated=True, exact=False, stated={}))
     assert found.share_y == pytest.approx(own.share_y, rel=0.4)
     assert found.memory_y == pytest.approx(own.memory_y, rel=0.7)
     np.testing.assert_allclose(found.noise, SD, rtol=0.1)
+
+
+@pytest.mark.parametrize("exact", [False, True], ids=["tolerances", "exact"])
+def test_no_other_amplitudes_nearby_are_more_probable(bench, about, exact):
+    """Where numbers are stated as exact, these errors are tens of times their usual size."""
+    e = drawn(about, amplitudes(), bench.measured.shape, 7)
+    prior = amplitude_prior(SD, noise_stated=True, exact=exact, stated={})
+    kept = tuned_on(about, bench.counted)
+    r = e[kept.row, kept.channel]
+
+    def cost(x):
+        return float(negative_log_likelihood(kept, [Amplitudes.of(x)], r)[0] + prior.cost(x))
+
+    found = estimated(about, e, bench.counted, prior).logarithms
+    bounds = [(m - 4 * sd, m + 4 * sd) for m, sd in zip(prior.median.logarithms, prior.sd, strict=True)]
+    better = minimize(cost, found, method="L-BFGS-B", bounds=bounds, options={"maxiter": 100})
+    assert cost(found) - better.fun < 0.05
+    far = minimize(cost, prior.median.logarithms, method="L-BFGS-B", bounds=bounds, options={"maxiter": 300})
+    assert cost(found) < far.fun + 0.05
+
+
+def test_information_is_the_mean_curvature_of_the_likelihood(bench, about):
+    own, kept = amplitudes(), tuned_on(about, bench.counted)
+    at, step = own.logarithms, 1e-3
+    directions = np.eye(len(at))[[0, 4, 6, 9]]
+    lanes = [Amplitudes.of(x) for x in (at, *(at + step * d for d in directions))]
+    here = [Amplitudes.of(at + step * s * d) for d in directions for s in (1.0, -1.0)]
+    fisher, curvature = np.zeros((5, 5)), np.zeros(4)
+    for seed in range(12):
+        e = drawn(kept, own, bench.measured.shape, 100 + seed)
+        r = e[kept.row, kept.channel]
+        nll = negative_log_likelihood(kept, lanes, r, fisher=fisher)
+        each = negative_log_likelihood(kept, here, r).reshape(4, 2)
+        curvature += (np.sum(each, axis=1) - 2 * nll[0]) / step**2
+    np.testing.assert_allclose(np.diag(fisher)[1:] / step**2, curvature, rtol=0.25)
 
 
 def test_where_every_number_is_exact_less_model_error_is_believed():
