@@ -29,6 +29,7 @@ from .estimation.model_error import (
     AmplitudePrior,
     Amplitudes,
     ForceSizes,
+    ModelError,
     amplitude_prior,
     estimated,
     linearised,
@@ -289,7 +290,8 @@ def _amplitudes(
     """Amplitudes of the model error that remains beside a hypothesis."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
         return None
-    return estimated(linearised(bench, search.vector(best), sd, ForceSizes(bench)), best.e, good, prior)
+    near = search.whitener.amplitudes if isinstance(search.whitener, ModelError) else None
+    return estimated(linearised(bench, search.vector(best), sd, ForceSizes(bench)), best.e, good, prior, near)
 
 
 def _alone(selection: Selection, best: Hypothesis) -> float:

@@ -315,7 +315,13 @@ def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bo
     return ModelError(kept, amplitudes, usable, gain, size)
 
 
-def estimated(about: Linearised, residuals: Array, usable: NDArray[np.bool_], prior: AmplitudePrior) -> Amplitudes:
+def estimated(
+    about: Linearised,
+    residuals: Array,
+    usable: NDArray[np.bool_],
+    prior: AmplitudePrior,
+    near: Amplitudes | None = None,
+) -> Amplitudes:
     """The amplitudes of highest posterior density, given residuals; by Fisher scoring.
 
     Their curvatures differ by orders of magnitude: without the information, a search stops hundreds of nats early.
@@ -326,6 +332,7 @@ def estimated(about: Linearised, residuals: Array, usable: NDArray[np.bool_], pr
     residuals : (N, channels).
     usable : (N, channels).
     prior : of the amplitudes.
+    near : where the search begins; None: at the prior's medians.
     """
     kept = tuned_on(about, usable)
     r = np.ascontiguousarray(residuals[kept.row, kept.channel])
@@ -354,8 +361,9 @@ def estimated(about: Linearised, residuals: Array, usable: NDArray[np.bool_], pr
         return Curve(float(nll[0] + prior.cost(at)), g, fisher[beside, beside] / CAL.beside**2 + np.diag(precision))
 
     width = 4.0 * prior.sd[free]
+    begin = start if near is None else near.logarithms
     x, _ = descended(
-        cost, curve, start[free], start[free] - width, start[free] + width, CAL.amplitudes_settled, CAL.amplitude_sd
+        cost, curve, begin[free], start[free] - width, start[free] + width, CAL.amplitudes_settled, CAL.amplitude_sd
     )
     return Amplitudes.of(placed(x))
 

@@ -83,6 +83,7 @@ class JointWhitening:
         self.problem, self.sd, self.prior, self.trust = problem, sd, prior, trust
         self._bench = problem.bench if forces and isinstance(problem.bench, Bench) else None
         self._sizes = ForceSizes(self._bench) if self._bench is not None else None
+        self._last: Amplitudes | None = None
 
     def about(self, p: Array) -> Linearised | None:
         """Error dynamics about the simulation with these parameters; None without unknown forces."""
@@ -106,7 +107,7 @@ class JointWhitening:
             return self.usual(about, 1.0)
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
-        result = estimated(about, e, self.problem.good, self.prior)
+        result = self._last = estimated(about, e, self.problem.good, self.prior, self._last)
         return model_error(about, at_least(result, self.prior.median) if least else result, self.problem.good)
 
 
