@@ -102,7 +102,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     detected = bool(examined.best.candidates) or scattered or unknown > CAL.present
     causes, closed, verified = _verified(examined, _budgeted(examined, held_out, tell), detected, held_out, tell)
     best, shared = causes.best, causes.shared
-    ranking, applied = _ranking(examined, causes.reasons, causes.telling), tuple(best.names)
+    ranking, applied = _ranking(examined, causes), tuple(best.names)
     whole = shared if shared is not None and shared.shows else causes.telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
         # more than half of the excess is surely due to no named effect
@@ -144,7 +144,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         moved=moved(examined, best, closed),
         tried={item.candidate.effect: item.gain for item in selection.expected_gains},
         held=_held(examined),
-        classes=_classes(examined, ranking, applied, causes.reasons, causes.telling),
+        classes=_classes(examined, ranking, causes),
     )
 
 
@@ -156,12 +156,14 @@ class _Causes:
     ----------
     best : the explanation by them alone.
     reasons : why the others are not applied, by name.
+    chances : of each effect, how likely its size is chance.
     shared : budget of the causes.
     telling : budget by which effects were refused, or could have been.
     """
 
     best: Hypothesis
     reasons: Mapping[str, str]
+    chances: Mapping[str, float]
     shared: Budget | None
     telling: Budget | None
 
@@ -170,7 +172,8 @@ def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[
     """Causes that are significant, and that close enough of the gap by its budget."""
     ways = witnesses(examined, examined.best) if examined.best.candidates else []
     ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
-    reasons, leave = (insignificant(examined, ways, level) for level in (CAL.by_chance, CAL.present))
+    reasons, chances = insignificant(examined, ways, CAL.by_chance)
+    leave, _ = insignificant(examined, ways, CAL.present)
     doubtful = set(reasons) - set(leave)
     best = restricted_to(examined, set(examined.best.names) - set(leave)) if leave else examined.best
     shared, telling = None, None
@@ -188,7 +191,7 @@ def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[
         if len(little) < 2:
             break
     best = restricted_to(examined, set(best.names) - doubtful) if doubtful else best
-    return _Causes(best, reasons, shared, telling)
+    return _Causes(best, reasons, chances, shared, telling)
 
 
 def _verified(
@@ -206,7 +209,7 @@ def _verified(
             tell(f"verifying on {on_held_out(held_out)}")
         closed, verified, worse = closed_model(examined, best, detected, held_out, shared)
         if not worse:
-            return _Causes(best, reasons, shared, causes.telling), closed, verified
+            return replace(causes, best=best, reasons=reasons, shared=shared), closed, verified
         weakest = min(best.names, key=partial(gain_of, examined, examined.best))
         reasons[weakest] = worse
         best = restricted_to(examined, set(best.names) - {weakest})
@@ -224,13 +227,7 @@ def _held(examined: Examined) -> str:
     )
 
 
-def _classes(
-    examined: Examined,
-    ranking: Sequence[Ranked],
-    applied: Sequence[str],
-    reasons: Mapping[str, str],
-    shared: Budget | None,
-) -> tuple[CauseClass, ...]:
+def _classes(examined: Examined, ranking: Sequence[Ranked], causes: _Causes) -> tuple[CauseClass, ...]:
     """The class of each effect of the best explanation: effects that act alike; doubts about it hold for all."""
     classes = []
     tried = examined.selection.tried
@@ -239,23 +236,16 @@ def _classes(
             continue
         members = (name, *alike_of(examined, name, CAL.alike))
         alone = {member: probability(examined.evidence, tried, member) for member in members}
-        whole = _discounted(examined, examined.best, name, of_class(examined, name), reasons, shared)
+        whole = _discounted(examined, examined.best, name, of_class(examined, name), causes)
         total = sum(alone.values()) or 1.0
         each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
         each = {member: p for member, p in each.items() if p >= CAL.least_probability or member == name}
-        classes.append(CauseClass(tuple(each), whole, each, name if name in applied else ""))
+        classes.append(CauseClass(tuple(each), whole, each, name if name in causes.best.names else ""))
     return tuple(sorted(classes, key=lambda item: -item.probability))
 
 
-def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | None) -> list[Ranked]:
-    """Effects by their probability.
-
-    Parameters
-    ----------
-    examined : what was examined.
-    reasons : why effects of the best hypothesis are not applied, by name.
-    shared : their budget.
-    """
+def _ranking(examined: Examined, causes: _Causes) -> list[Ranked]:
+    """Effects by their probability."""
     known = 1.0 - CAL.nothing_unknown
     selection, weighed = examined.selection, examined.evidence
     tried = selection.tried
@@ -267,7 +257,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         magnitude, interval = _magnitude(examined, most, name)
         part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
-        p = _discounted(examined, most, name, probability(weighed, tried, name), reasons, shared)
+        p = _discounted(examined, most, name, probability(weighed, tried, name), causes)
         ranked.append(
             Ranked(
                 name,
@@ -277,7 +267,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
                 interval,
                 alike_of(examined, name, CAL.alike),
                 gain_of(examined, most, name),
-                reasons.get(name, DIFFERS if by > 1.0 else ""),
+                causes.reasons.get(name, DIFFERS if by > 1.0 else ""),
                 *((None, None, "") if part is None else (part.since, part.until, _place(examined, part))),
                 _others(examined, most, name),
             )
@@ -299,18 +289,11 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
     return sorted(ranked, key=order)[: CAL.ranked]
 
 
-def _discounted(
-    examined: Examined,
-    hypothesis: Hypothesis,
-    name: str,
-    p: float,
-    reasons: Mapping[str, str],
-    shared: Budget | None,
-) -> float:
+def _discounted(examined: Examined, hypothesis: Hypothesis, name: str, p: float, causes: _Causes) -> float:
     """The probability that an effect is present and is what it is named after; below one half if it is refused."""
-    is_genuine = genuine(examined, hypothesis, name, examined.varying.get(name)) * closes(shared, name)
-    p *= (1.0 - CAL.nothing_unknown) * is_genuine
-    return min(p, float(np.nextafter(1.0 - CAL.present, 0.0))) if name in reasons else p
+    is_genuine = genuine(examined, hypothesis, name, examined.varying.get(name)) * closes(causes.telling, name)
+    p *= (1.0 - CAL.nothing_unknown) * is_genuine * (1.0 - causes.chances.get(name, 0.0))
+    return min(p, float(np.nextafter(1.0 - CAL.present, 0.0))) if name in causes.reasons else p
 
 
 def _ranking_keys(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:

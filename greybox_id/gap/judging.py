@@ -8,7 +8,7 @@ from functools import partial
 from math import exp, log
 
 import numpy as np
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from ..base.numbers import number, whole_percent
 from ..base.shorthands import Array
@@ -125,23 +125,29 @@ def closes_too_little(shared: Budget, exact: bool) -> str:
     return f"small: {judged} all named effects together remove {whole_percent(closed)} % of the excess error"
 
 
-def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
-    """Effects of the best explanation whose sizes do not differ significantly from none, and why they are no causes.
+def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> tuple[dict[str, str], dict[str, float]]:
+    """Effects of the best explanation whose sizes may be none, and why; and for the others, how likely chance is.
 
-    Significantly: none lies outside of intervals that hold for all offered effects at once (Bonferroni's; Dunn, Journal
-    of the American Statistical Association 56, 1961). A mimic of model-form errors has gained as much as causes do, but
-    its size is undetermined once these errors are counted. Insignificant effects leave, the others move to their values
-    without them, and must be significant there, too: one that is so only once another has left stands for that one.
+    The others are as many as the share `level` of such effects that are not there allows (false discovery rate;
+    Benjamini & Hochberg, Journal of the Royal Statistical Society B 57, 1995): a single effect must be as far from none
+    as the largest of all offered effects rarely is, several that are sure together less. A mimic of model-form errors
+    has gained as much as causes do, but its size is undetermined once these errors are counted. Insignificant effects
+    leave, the others move to their values without them, and must be significant there, too: one that is so only once
+    another has left stands for that one.
 
     Parameters
     ----------
     examined : what was examined.
     ways : what informs the sizes.
-    level : how often chance alone may bring any of the effects so far from none.
+    level : share of effects that are not there among those that are significant.
+
+    Returns
+    -------
+    reasons : effect -> why it is no cause.
+    chances : of each other effect, the least level at which it would be significant.
     """
-    best, reasons = examined.best, dict[str, str]()
+    best, reasons, chances = examined.best, dict[str, str](), dict[str, float]()
     offered = len(examined.prepared.effects)
-    surely = -float(ndtri(level / 2 / max(offered, 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
     sudden = np.array([not (item.gradual or item.axes[0].shift) for item in best.candidates])
@@ -154,20 +160,32 @@ def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> 
         while names:
             slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
             z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
-            weak = {name: each for name, each in zip(names, z.tolist(), strict=True) if each < surely}
+            least = _least_levels(z, offered)
+            weak = {name: each for name, each, by in zip(names, z.tolist(), least, strict=True) if by > level}
             if not weak:
+                chances |= {name: max(by, chances.get(name, 0.0)) for name, by in zip(names, least, strict=True)}
                 break
+            surely = -float(ndtri(0.5 * level * (len(names) - len(weak) + 1) / max(offered, 1)))
             for name, each in weak.items():
                 reasons[name] = (
-                    f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and by "
-                    f"chance the largest of {offered} absent effects reaches about {number(surely, 2)}"
+                    f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and of "
+                    f"{offered} absent effects one reaches {number(surely, 2)} too often by chance"
                 )
                 k = names.index(name)
                 rest = np.arange(len(names)) != k
                 by = V[rest, k] / V[k, k]
                 off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
                 names.pop(k)
-    return reasons
+    return reasons, {name: chance for name, chance in chances.items() if name not in reasons}
+
+
+def _least_levels(z: Array, offered: int) -> Array:
+    """(effects,) least false discovery rate at which effects so many sds from none are significant."""
+    order = np.argsort(-z)
+    rates = 2.0 * ndtr(-z[order]) * offered / np.arange(1, len(z) + 1)
+    result = np.empty(len(z))
+    result[order] = np.minimum.accumulate(rates[::-1])[::-1]
+    return np.minimum(result, 1.0)
 
 
 def size_sd(examined: Examined, hypothesis: Hypothesis, name: str) -> float:

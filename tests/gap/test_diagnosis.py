@@ -10,6 +10,9 @@ import pytest
 from calling import greybox
 from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
 
 from greybox_id.base.errors import BadInput
 from greybox_id.gap import budget, diagnosis, judging
@@ -266,7 +269,7 @@ def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_p
         return plain(examined, best, *others)
 
     def insignificant(examined, ways, level):
-        return {"yaw_rate_bias": "its size may be none"} if level < 0.5 else {}
+        return {"yaw_rate_bias": "its size may be none"} if level < 0.5 else {}, {}
 
     monkeypatch.setattr(diagnosis, "shared_out", shared_out)
     monkeypatch.setattr(diagnosis, "insignificant", insignificant)
@@ -278,7 +281,7 @@ def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_p
 
 
 def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leave():
-    """By intervals that hold for all effects that were offered at once: 5 % in 40 are beyond 3.23 sd."""
+    """Of 40 absent effects, one reaches 3.02 sd in a tenth of all cases, and 2.67 sd in three tenths of them."""
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
@@ -286,20 +289,37 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
         ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
         prepared = SimpleNamespace(effects=dict.fromkeys(range(count)))
-        return judging.insignificant(SimpleNamespace(prepared=prepared, best=best), ways, level)
+        return judging.insignificant(SimpleNamespace(prepared=prepared, best=best), ways, level)[0]
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
+    assert left([3.4, -2.7, 9.0], np.eye(3)) == {}  # beside two that are sure
+    assert list(left([2.7, -2.7, 2.7], np.eye(3), count=80)) == names
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
     assert left([2.0, -2.3, 9.0], np.eye(3), count=1) == {}
-    assert left([3.4, -2.6, 9.0], np.eye(3), level=0.5) == {}  # rather there than not: half in 40 are beyond 2.50 sd
+    assert left([3.4, -2.1, 9.0], np.eye(3), level=0.5) == {}  # rather there than not
     alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]
     assert list(left([3.4, -1.0, 9.0], alike)) == [names[1]]
     assert list(left([2.0, -1.0, 9.0], alike)) == names[:2]  # without the one, the other does what that one did
-    assert list(left([3.4, 3.0, 9.0], alike)) == [names[1], names[0]]  # 1.6 sd without the other
+    assert list(left([3.4, 2.6, 9.0], alike)) == [names[1], names[0]]  # 2.4 sd without the other
     parts[1] = replace(parts[1][0], gradual=False), parts[1][1]
     assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=18.0)) == [names[1]]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
+
+
+@given(st.lists(st.floats(0.0, 6.0), min_size=1, max_size=8), st.integers(8, 60))
+def test_levels_are_those_of_benjamini_and_hochberg(sizes, offered):
+    z = np.array(sizes)
+    p = 2 * stats.norm.sf(np.concatenate([z, np.zeros(offered - len(z))]))  # all others are at none
+    expected = stats.false_discovery_control(p)[: len(z)]
+    np.testing.assert_allclose(judging._least_levels(z, offered), expected, rtol=1e-9)
+
+
+def test_chance_is_small_for_sure_effects_and_a_tenth_for_the_least_sure_one():
+    z = np.array([6.0, 2.67])
+    sure, unsure = judging._least_levels(z, 40)
+    assert sure < 1e-6
+    assert unsure == pytest.approx(40 * 2 * stats.norm.sf(2.67) / 2)
 
 
 @pytest.mark.parametrize(("share", "low", "applied"), [(0.14, -0.02, True), (0.14, -0.6, True), (0.01, -0.02, False)])

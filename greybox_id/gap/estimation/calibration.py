@@ -147,9 +147,7 @@ class Calibration:
     wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such an sd: up to where the next is")
     wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
     present: float = _known(0.5, "probability from which on an effect is called present", DEFINED)
-    by_chance: float = _known(
-        0.05, "how often chance may bring any of all effects as far from none as a cause is", DEFINED
-    )
+    by_chance: float = _known(0.1, "share of effects that are not there among those that are significant", DEFINED)
     least_share: float = _known(0.02, "least share of the held-out excess that a cause closes", DEFINED)
     least_gap: float = _known(0.01, "least excess over the floor, as a share of noise, to divide shares by", DEFINED)
     no_gap: float = _known(1e-3, "mean excess, in squared noise sds, that is not shared out between regimes", DEFINED)
