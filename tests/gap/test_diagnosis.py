@@ -302,7 +302,7 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     assert list(left([2.0, -1.0, 9.0], alike)) == names[:2]  # without the one, the other does what that one did
     assert list(left([3.4, 2.6, 9.0], alike)) == [names[1], names[0]]  # 2.4 sd without the other
     parts[1] = replace(parts[1][0], gradual=False), parts[1][1]
-    assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=18.0)) == [names[1]]
+    assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=12.0)) == [names[1]]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
 
