@@ -30,9 +30,6 @@ from .calibration import CAL
 from .descent import Curve, descended
 from .unknown_forces import FORCES, SCALES
 
-NOTHING = np.empty((0, 0))
-"""Where no result is put."""
-
 
 @dataclass(frozen=True)
 class Amplitudes:
@@ -437,7 +434,7 @@ def _slow(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array]
 
 
 def negative_log_likelihood(
-    about: Linearised, lanes: Sequence[Amplitudes], r: Array, more: Processes | None = None, fisher: Array = NOTHING
+    about: Linearised, lanes: Sequence[Amplitudes], r: Array, more: Processes | None = None, fisher: Array | None = None
 ) -> Array:
     """(L,) of residuals, under the amplitudes of each lane.
 
@@ -447,18 +444,18 @@ def negative_log_likelihood(
     lanes : L amplitudes.
     r : (R,) residual of each reading.
     more : processes behind the unknown forces, one for each further column of B and D.
-    fisher : (L, L) receives the Fisher information of differences of the lanes from the first one; or empty.
+    fisher : (L, L) receives the Fisher information of differences of the lanes from the first one; or None.
     """
     forces = unknown_forces(about, lanes)
     if more is not None:
         pairs = ((forces.sd, more.sd), (forces.correlation, more.correlation))
         forces = Processes(*(np.concatenate(pair, axis=1) for pair in pairs))
-    return _filtered(about, lanes, forces, r, NOTHING, np.empty(0), fisher)
+    return _filtered(about, lanes, forces, r, np.empty((0, 0)), np.empty(0), fisher)
 
 
 def _filtered(
     about: Linearised, lanes: Sequence[Amplitudes], forces: Processes, r: Array, gain: Array, size: Array,
-    fisher: Array = NOTHING,
+    fisher: Array | None = None,
 ) -> Array:  # fmt: skip
     from .error_filter import likelihood  # imported here: it loads Numba
 
@@ -466,6 +463,7 @@ def _filtered(
     white = np.ascontiguousarray(np.array([lane.noise for lane in lanes]).T ** 2)
     nll: Array = likelihood(
         about.transition, about.output, forces.sd, forces.correlation, colour, slow, white, about.start, about.first,
-        about.pointer, about.channel, r, gain, size, fisher,
+        about.pointer, about.channel, r, gain, size,
+        np.empty((0, 0)) if fisher is None else fisher,
     )  # fmt: skip
     return nll
