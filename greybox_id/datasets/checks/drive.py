@@ -242,8 +242,10 @@ def _stretches(r: Recording, name: str) -> list[tuple[int, int]]:
     result = []
     for k in long:
         a, b = int(begins[k]), int(ends[k])
+        if not _jump(r, name, a, b) > least:
+            continue
         others = np.delete(lengths, k)
         usual = float(np.quantile(others, 0.9)) if len(others) > 5 else 1.0
-        if b - a >= TIMES * usual and _jump(r, name, a, b) > least:
+        if b - a >= TIMES * usual:
             result.append((a, b))
     return result

@@ -21,15 +21,13 @@ from ...datasets.recording import Recording
 from ...models.motion_model import MotionModel
 from ..kernel import Kernel
 from ..simulation import Prediction
-from ..virtual import SampledFunction
+from ..virtual import SampledFunction, on_arrays
 from .lanes import Interval, lay
 from .schedule import MotionRun, Schedule, least_segment, longest_segment, motion_runs, schedule
 from .traced import traced
 
 ALONE = 25
 """Cost of a segment of a single trajectory in the virtual machine, in lanes: 40 us, against 1.5 us per lane of many."""
-AT_A_TIME = 4096
-"""Rows whose starting states are computed at a time: with derivatives by 30 parameters, some 10 MB for ten states."""
 
 
 class Simulator:
@@ -46,8 +44,9 @@ class Simulator:
         known = self.trace.kernel
         self.kernel = known if compiled is None else Kernel(self.trace.step, self.trace.output, compiled=compiled)
         self.actuators = self._actuators() if model.actuators else None
-        self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], SampledFunction] = {}
+        self._starts: dict[tuple[tuple[str, ...], tuple[str, ...], bool], SampledFunction] = {}
         self._touched: dict[tuple[str, ...], Index] = {}
+        self._timing = on_arrays(self.trace.timing)
 
     def of(self, model: MotionModel) -> Simulator:
         """The same simulator for a model with the same equations but other values, bounds or priors."""
@@ -59,7 +58,7 @@ class Simulator:
         """Values of the delays and latencies, s."""
         if self.trace.shift_count == 0:
             return np.empty(0)
-        return np.asarray(self.trace.timing(p).full()).ravel()
+        return self._timing(p)[0].ravel()
 
     def start(
         self, measured: tuple[str, ...], readings: Array, inputs: Array, p: Array, given: tuple[str, ...] = ()
@@ -74,16 +73,27 @@ class Simulator:
         p : (parameters,) or (n, parameters).
         given : measured states whose reading is the state itself, not a sensor's.
         """
-        key = (measured, given)
+        count, size = self.trace.model.size, self.trace.size
+        result = self._start_function(measured, given, True)(readings, inputs, p)
+        result = np.broadcast_to(result, (len(readings), size * (1 + count)))
+        return result[:, :size], result[:, size:].reshape(len(readings), size, count)
+
+    def start_states(
+        self, measured: tuple[str, ...], readings: Array, inputs: Array, p: Array, given: tuple[str, ...] = ()
+    ) -> Array:
+        """The initial states of `start` alone: derivatives by all parameters take a hundred times as long."""
+        result = self._start_function(measured, given, False)(readings, inputs, p)
+        return np.broadcast_to(result, (len(readings), self.trace.size))
+
+    def _start_function(self, measured: tuple[str, ...], given: tuple[str, ...], by_p: bool) -> SampledFunction:
+        """(readings, inputs, parameters) -> initial states, and with `by_p` their derivatives."""
+        key = (measured, given, by_p)
         if key not in self._starts:
             y, u, q = (cs.SX.sym(name, size) for name, size in zip("yuq", self._sizes(measured), strict=True))
             z = self.trace.start(measured, given)(y, u, q)
-            stacked = cs.vertcat(z, cs.vec(cs.jacobian(z, q).T))
+            stacked = cs.vertcat(z, cs.vec(cs.jacobian(z, q).T)) if by_p else z
             self._starts[key] = SampledFunction(cs.Function("starts", [y, u, q], [cs.densify(stacked)]))
-        result = np.broadcast_to(
-            self._starts[key](readings, inputs, p), (len(readings), self.trace.size * (1 + self.trace.model.size))
-        )
-        return result[:, : self.trace.size], result[:, self.trace.size :].reshape(len(readings), self.trace.size, -1)
+        return self._starts[key]
 
     def start_touched(self, measured: tuple[str, ...]) -> Index:
         """Parameters that the initial states depend on."""
@@ -127,10 +137,7 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     complete = np.all(np.isfinite(readings), axis=1)
     first = [item[np.isfinite(item)][0] for item in readings.T]
     starts = np.where(complete[:, None], readings, first)
-    corrected = np.empty((len(run), simulator.trace.size))
-    for first_row in range(0, len(run), AT_A_TIME):  # in blocks, since initial states come with unused derivatives
-        rows = slice(first_row, first_row + AT_A_TIME)
-        corrected[rows], _ = simulator.start(names, starts[rows], run.inputs[rows], p)
+    corrected = np.array(simulator.start_states(names, starts, run.inputs, p))
     measured = np.isin(np.arange(simulator.trace.size), states)
     if measured.all() and complete.all():
         return corrected
@@ -289,7 +296,7 @@ class Predictor:
         run, given, counting = self.runs[k], tuple(self._given), self._counting(k)
         values = np.tile(list(self._given.values()), (len(rows), 1))
         readings = np.hstack([run.measured[rows][:, self._channels(counting)], values])
-        return self.simulator.start(counting + given, readings, run.inputs[rows], self.p, given)[0]
+        return self.simulator.start_states(counting + given, readings, run.inputs[rows], self.p, given)
 
     def _counting(self, k: int) -> tuple[str, ...]:
         """Measured states of a run whose readings are used: those that are not given."""
@@ -429,10 +436,10 @@ class IntervalStarts:
         z = np.empty((sets, len(self._intervals), self._simulator.trace.size))
         for group in self._groups:
             readings, inputs = (np.tile(table, (sets, 1)) for table in (group.readings, group.inputs))
-            result = self._simulator.start(
+            result = self._simulator.start_states(
                 group.names, readings, inputs, of_intervals[:, group.which].reshape(len(readings), -1)
             )
-            z[:, group.which] = result[0].reshape(sets, len(group.which), -1)
+            z[:, group.which] = result.reshape(sets, len(group.which), -1)
         if self._carried is not None:
             where, states = self._carried
             z[:, where] = states[where]

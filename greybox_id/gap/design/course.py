@@ -119,7 +119,7 @@ class PlanCourse:
                     table[:, k] = self.model.defaults[name]
             runs.append(self._run(time, table, float(u[0, 2])))
         z0 = np.vstack([
-            self.simulator.start(("v_x",), np.array([[run.inputs[0, order[2]]]]), run.inputs[:1], p[None])[0]
+            self.simulator.start_states(("v_x",), np.array([[run.inputs[0, order[2]]]]), run.inputs[:1], p[None])
             for run, p in zip(runs, P, strict=True)
         ])  # fmt: skip
         plans = [

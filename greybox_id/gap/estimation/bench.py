@@ -6,8 +6,9 @@ lie side by side in lanes; delays and latencies that are zero, and stay so, cut 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array, Index
 from ...datasets.recording import Recording
 from ...engine.kernel import PAYS, WIDEST
-from ...engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay, packed
+from ...engine.motion.lanes import Interval, Lanes, chained, cut_rows, even_cuts, lay, packed
 from ...engine.motion.schedule import MotionRun, Schedule, longest_segments, motion_runs, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
@@ -50,6 +51,32 @@ def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun
     if not result:
         raise lacking[0]
     return result
+
+
+@dataclass(frozen=True)
+class Plans:
+    """The segments of all runs, and how `linearise` cuts them.
+
+    Attributes
+    ----------
+    runs : per run, its segments.
+    """
+
+    runs: Sequence[Schedule]
+
+    @cached_property
+    def lanes(self) -> list[int]:
+        """Lanes into which each run is cut: a vector's worth in all, the longer the run, the more."""
+        whole = [Interval(k, 0, len(plan.row_segment)) for k, plan in enumerate(self.runs)]
+        return even_cuts(self.runs, whole, WIDEST)
+
+    @cached_property
+    def cuts(self) -> list[Index]:
+        """Of each run, the segments at which these lanes begin."""
+        return [
+            plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), count)]
+            for plan, count in zip(self.runs, self.lanes, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -124,7 +151,7 @@ class Bench:
         if not knows_unknown_forces(model) or len(self.runs) <= CAL.few_runs:
             self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)
         self._readings = [self._starting_readings(run) for run in self.runs]
-        self._schedules: dict[tuple[float, ...], list[Schedule]] = {}
+        self._schedules: dict[tuple[float, ...], Plans] = {}
         self._simulated: dict[bytes, Simulated] = {}
         self._room = np.empty(0)  # memory for segments of unlike runs side by side, reused by each call
 
@@ -168,17 +195,21 @@ class Bench:
         """Simulations with each vector, whether remembered or not."""
         return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
 
-    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+    def _simulated_along(self, plans: Sequence[Plans], P: Array) -> list[Simulated]:
         """Simulations with each vector, along its own segments."""
-        starts, count = self._starts(P)[0], len(self.runs)
-        whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for item in plans for plan in item]
+        starts, count = self._starts(P), len(self.runs)
+        whole = [
+            Passage(plan, slice(0, len(plan.segments)), cuts)
+            for item in plans
+            for plan, cuts in zip(item.runs, item.cuts, strict=True)
+        ]
         result = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
         return [self._simulated_by(plan, result[k * count : (k + 1) * count]) for k, plan in enumerate(plans)]
 
-    def _simulated_by(self, plans: Sequence[Schedule], runs: Sequence[Integrated]) -> Simulated:
+    def _simulated_by(self, plans: Plans, runs: Sequence[Integrated]) -> Simulated:
         """A simulation made of integrated runs."""
         y = np.full(self.measured.shape, np.nan)
-        for rows, plan, run in zip(self.rows, plans, runs, strict=True):
+        for rows, plan, run in zip(self.rows, plans.runs, runs, strict=True):
             y[rows] = run.readings(plan)
         return Simulated(y, np.concatenate([run.cuts for run in runs]))
 
@@ -226,21 +257,13 @@ class Bench:
             reads[: len(passage)] |= passage.plan.reads[passage.segments]
         return segments, reads
 
-    def _cut(self, plan: Schedule) -> Index:
-        """Segments at which the lanes of a run begin that `linearise` cuts it into."""
-        return plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), self._cuts)]
-
-    @property
-    def _cuts(self) -> int:
-        return max(1, WIDEST // len(self.runs))
-
     def along(self, p: Array) -> Array:
         """Parameters along the segments of `trajectory`, (S, parameters); one vector where they are the same in all."""
         return p
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
-        plans, starts = self._scheduled(tuple(self.simulator.shifts(p))), self._starts(p[None])[0][0]
+        plans, (starts,) = self._scheduled(tuple(self.simulator.shifts(p))).runs, self._starts(p[None])
         whole = [Passage(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
         result = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
         return [(plan, item.cuts) for plan, item in zip(plans, result, strict=True)]
@@ -262,12 +285,9 @@ class Bench:
         moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.size])
         plans = self._scheduled(tuple(shifts))
         if any(moving):
-            plans = [
-                schedule(self.simulator.trace, run, shifts, longest, moving)
-                for run, longest in zip(self.runs, self.longest, strict=True)
-            ]
+            plans = self._planned(shifts, moving)
         cut, by_lane, held = self._lanes_in(plans, p)
-        by_p = self._starts(p[None])[1][0]
+        by_p = self._starts_by(p)
         (result,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
@@ -292,9 +312,9 @@ class Bench:
             S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
         return result.y.copy(), J[:, :, : len(chosen)], S
 
-    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+    def _lanes_in(self, plans: Plans, p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
         """Lanes of runs, to be differentiated, their parameters, and (lanes, parameter without effect in them)."""
-        return lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], self._cuts), p, ()
+        return lay(plans.runs, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], plans.lanes), p, ()
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
         """Of each shift, whether it depends on any of these parameters."""
@@ -307,24 +327,41 @@ class Bench:
         pattern[rows, cols] = True
         return [bool(np.any(pattern[k, list(columns)])) for k in range(len(pattern))]
 
-    def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
+    def _scheduled(self, shifts: tuple[float, ...]) -> Plans:
         if shifts not in self._schedules:
             while len(self._schedules) > 2 * WIDEST:
                 del self._schedules[next(iter(self._schedules))]
-            still = [False] * len(shifts)
-            self._schedules[shifts] = [
-                schedule(self.simulator.trace, run, np.array(shifts), longest, still)
-                for run, longest in zip(self.runs, self.longest, strict=True)
-            ]
+            self._schedules[shifts] = self._planned(np.array(shifts), [False] * len(shifts))
         return self._schedules[shifts]
 
-    def _starts(self, P: Array) -> tuple[Array, Array]:
-        """(K, runs, nz) states at the runs' starts and their derivative by the parameters."""
-        result = [
-            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), at_start)
-            for run, (names, values), at_start in zip(self.runs, self._readings, self._at_starts(P), strict=True)
-        ]
-        return np.stack([z for z, _ in result], axis=1), np.stack([by_p for _, by_p in result], axis=1)
+    def _planned(self, shifts: Array, moving: Sequence[bool]) -> Plans:
+        """Segments of all runs at these delays and latencies, of which some are differentiated by."""
+        runs = zip(self.runs, self.longest, strict=True)
+        return Plans([schedule(self.simulator.trace, run, shifts, longest, moving) for run, longest in runs])
+
+    def _starts(self, P: Array) -> Array:
+        """(K, runs, nz) states at the runs' starts."""
+        K, result = len(P), np.empty((len(P), len(self.runs), self.simulator.trace.size))
+        for names, which, readings, inputs, p in self._starts_alike(P):
+            z = self.simulator.start_states(names, np.repeat(readings, K, axis=0), np.repeat(inputs, K, axis=0), p)
+            result[:, which] = z.reshape(len(which), K, -1).swapaxes(0, 1)
+        return result
+
+    def _starts_by(self, p: Array) -> Array:
+        """(runs, nz, parameters) derivatives of these states by the parameters."""
+        result = np.empty((len(self.runs), self.simulator.trace.size, self.size))
+        for names, which, readings, inputs, at in self._starts_alike(p[None]):
+            result[which] = self.simulator.start(names, readings, inputs, at)[1]
+        return result
+
+    def _starts_alike(self, P: Array) -> Iterator[tuple[tuple[str, ...], list[int], Array, Array, Array]]:
+        """Runs that read the same states: these, which runs, first readings and inputs; parameters, run by run."""
+        at_starts = self._at_starts(P)
+        for names in dict.fromkeys(names for names, _ in self._readings):
+            which = [k for k, (others, _) in enumerate(self._readings) if others == names]
+            readings, inputs = (np.array(each) for each in zip(*(
+                (self._readings[k][1], self.runs[k].inputs[0]) for k in which), strict=True))  # fmt: skip
+            yield names, which, readings, inputs, np.concatenate([at_starts[k] for k in which])
 
     def _at_starts(self, P: Array) -> Sequence[Array]:
         """Of each run, (K, parameters) vectors in force where it begins."""

@@ -15,7 +15,7 @@ import numpy as np
 from ...base.shorthands import Array, Index
 from ...engine.motion.lanes import Interval, Lanes, cut_rows, lay
 from ...engine.motion.schedule import Schedule
-from .bench import Bench, Integrated, Passage, Simulated
+from .bench import Bench, Integrated, Passage, Plans, Simulated
 
 
 @dataclass(frozen=True)
@@ -52,35 +52,36 @@ class PartBench(Bench):
         self._inside = np.array([piece.inside for piece in self.pieces])
         self._simulated: dict[bytes, Simulated] = {}
 
-    def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
+    def _simulated_along(self, plans: Sequence[Plans], P: Array) -> list[Simulated]:
         """See `Bench`."""
-        cuts = [[self._cut_within(plan[piece.interval.run], piece.interval) for piece in self.pieces] for plan in plans]
+        cuts = [[self._cut_within(plan, piece.interval) for piece in self.pieces] for plan in plans]
         return [
             self._simulated_by(plan, runs)
-            for plan, runs in zip(plans, self._staged(plans, P, self._starts(P)[0], cuts), strict=True)
+            for plan, runs in zip(plans, self._staged(plans, P, self._starts(P), cuts), strict=True)
         ]
 
-    def _cut_within(self, plan: Schedule, rows: Interval) -> Index:
+    def _cut_within(self, plans: Plans, rows: Interval) -> Index:
         """Segments, counted from the first of a piece, at which the lanes of the piece begin that `linearise` cuts."""
-        segments = plan.row_segment[cut_rows(plan, rows.start, rows.stop, self._cuts)]
+        plan = plans.runs[rows.run]
+        segments = plan.row_segment[cut_rows(plan, rows.start, rows.stop, plans.lanes[rows.run])]
         return np.asarray(segments - plan.row_segment[rows.start])
 
     def along(self, p: Array) -> Array:
         """See `Bench`."""
         plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.size]))), self._of_pieces(p)
         return np.repeat(
-            by_piece, [_segments(plans[piece.interval.run], piece.interval) for piece in self.pieces], axis=0
+            by_piece, [_segments(plans.runs[piece.interval.run], piece.interval) for piece in self.pieces], axis=0
         )
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """See `Bench`."""
         plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
-        every = [np.arange(_segments(plans[piece.interval.run], piece.interval)) for piece in self.pieces]
-        (result,) = self._staged([plans], p[None], self._starts(p[None])[0], [every])
-        return [(plan, item.cuts) for plan, item in zip(plans, result, strict=True)]
+        every = [np.arange(_segments(plans.runs[piece.interval.run], piece.interval)) for piece in self.pieces]
+        (result,) = self._staged([plans], p[None], self._starts(p[None]), [every])
+        return [(plan, item.cuts) for plan, item in zip(plans.runs, result, strict=True)]
 
     def _staged(
-        self, plans: Sequence[Sequence[Schedule]], P: Array, starts: Array, cuts: Sequence[Sequence[Index]]
+        self, plans: Sequence[Plans], P: Array, starts: Array, cuts: Sequence[Sequence[Index]]
     ) -> list[list[Integrated]]:
         """Runs of simulations, their pieces integrated one after the other.
 
@@ -98,17 +99,18 @@ class PartBench(Bench):
             passages, z0 = [], []
             for k, at, item in now:
                 run, rows = item.interval.run, item.interval
-                first = int(plans[k][run].row_segment[rows.start])
-                within = slice(first, first + _segments(plans[k][run], rows))
-                passages.append(Passage(plans[k][run], within, cuts[k][at]))
+                plan = plans[k].runs[run]
+                first = int(plan.row_segment[rows.start])
+                passages.append(Passage(plan, slice(first, first + _segments(plan, rows)), cuts[k][at]))
                 z0.append(result[k][run][-1].end if stage else starts[k, run])
             p = np.array([by_piece[k, at] for k, at, _ in now])
             for (k, _, item), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
                 result[k][item.interval.run].append(each)
         return [[_joined(pieces) for pieces in runs] for runs in result]
 
-    def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
-        cut = lay(plans, [piece.interval for piece in self.pieces], self._cuts)
+    def _lanes_in(self, plans: Plans, p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
+        intervals = [piece.interval for piece in self.pieces]
+        cut = lay(plans.runs, intervals, [plans.lanes[interval.run] for interval in intervals])
         held = np.flatnonzero(self._inside[cut.interval]) if self._differs(p) else np.empty(0, dtype=np.intp)
         first = cut.first & self._first[cut.interval]
         return replace(cut, first=first), self._of_pieces(p)[cut.interval], [(held, self.index)]

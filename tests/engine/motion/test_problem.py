@@ -9,10 +9,9 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.engine.motion import shooting, simulator
-from greybox_id.engine.motion.schedule import motion_runs, schedule
+from greybox_id.engine.motion import shooting
 from greybox_id.engine.motion.shooting import MotionProblem
-from greybox_id.engine.motion.simulator import Predictor, Simulator, observed
+from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
 from greybox_id.engine.solvers.ipopt import ipopt
 from greybox_id.models.effects import EFFECTS
@@ -247,16 +246,6 @@ def test_where_derivatives_leave_the_range_of_numbers_ipopt_hears_it_and_nobody_
     far[[p.name for p in lap.model.parameters].index("I_z")] *= 1e-100
     solution, _ = ipopt(lap, far, warm=True, max_iterations=1)
     assert solution.status is not Status.CONVERGED
-
-
-def test_states_along_a_recording_are_the_same_some_rows_at_a_time(monkeypatch):
-    model, lap = car("lateral", ("steering_delay", 0.03)), driven(duration=1.0)
-    plain = Simulator(model, compiled=False)
-    (run,) = motion_runs(model, lap)
-    plan = schedule(plain.trace, run, plain.shifts(model.values), 0.01)
-    whole = observed(plain, run, plan, model.values)
-    monkeypatch.setattr(simulator, "AT_A_TIME", 7)
-    np.testing.assert_array_equal(observed(plain, run, plan, model.values), whole)
 
 
 def test_a_whole_run_without_delays_is_laid_out_without_a_copy():
