@@ -259,17 +259,15 @@ def schedule(
     del steps, all_rows, order  # each is large for hours of data
 
     count = len(shifts)
-    sign = np.zeros((len(kind), count))
+    first_shift = 1 + 2 * run.inputs.shape[1]
+    segments = np.empty((len(kind), first_shift + 3 * count))
+    length_by, sign, guess = np.split(segments[:, first_shift:], 3, axis=1)  # views
+    segments[:-1, 0], segments[-1, 0] = np.diff(instant), 0.0
+    sign[:] = 0.0
     for k in cuts:
         sign[kind == k, k] = 1.0 if k < delays else -1.0
-    length = np.append(np.diff(instant), 0.0)
-    length_by = np.vstack([np.diff(sign, axis=0), np.zeros((1, count))])
-    guess = np.broadcast_to(shifts, (len(kind), count))
-    inputs = run.inputs.shape[1]
-    segments = np.empty((len(kind), 1 + 2 * inputs + 3 * count))
-    segments[:, 0] = length
+    length_by[:-1], length_by[-1], guess[:] = np.diff(sign, axis=0), 0.0, shifts
     _commands(trace, run, instant, kind, row, shifts, cuts, segments[:, 1:])
-    segments[:, 1 + 2 * inputs :] = np.column_stack([length_by, sign, guess])
 
     places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
@@ -311,18 +309,20 @@ def _commands(
 ) -> None:  # fmt: skip
     """Value, and then slope, of every input at every segment's start, written into the first columns of `to`."""
     steps, inputs = np.append(np.diff(run.time), 1.0), run.inputs.shape[1]
-    for k, name in enumerate(trace.model.inputs):
-        source = trace.delayed.index(name) if name in trace.delayed else -1
-        source = source if source in cuts else -1
+    sources = [trace.delayed.index(name) if name in trace.delayed else -1 for name in trace.model.inputs]
+    sources = [source if source in cuts else -1 for source in sources]
+    for source in dict.fromkeys(sources):  # inputs that are delayed alike have the same rows
+        alike = np.flatnonzero(np.array(sources) == source)
         shift = shifts[source] if source >= 0 else 0.0
         before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # last command to arrive by the start
         arrived = np.maximum.accumulate(np.where(kind == source, row, before))
         row_of_command = np.maximum(arrived, 0)
-        to[:, k], to[:, inputs + k] = run.inputs[row_of_command, k], 0.0
-        if not run.held[k]:
+        to[:, alike], to[:, inputs + alike] = run.inputs[row_of_command[:, None], alike], 0.0
+        since = instant - shift - run.time[row_of_command]
+        for k in alike[~run.held[alike]]:
             slope = np.append(np.diff(run.inputs[:, k]), 0.0) / steps
             to[:, inputs + k] = np.where(arrived >= 0, slope[row_of_command], 0.0)
-            to[:, k] += to[:, inputs + k] * (instant - shift - run.time[row_of_command])
+            to[:, k] += to[:, inputs + k] * since
 
 
 ACCURATE, STABLE = 1.0, 2.3

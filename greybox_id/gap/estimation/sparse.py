@@ -137,8 +137,9 @@ class Sets:
         return quadratic.rr + 2 * float(quadratic.g @ off) + float(off @ quadratic.G @ off)
 
     def _precision(self, included: Mask) -> Array:
-        prec = np.where(included[self.cause], 1 / self.sd**2, 1e12 / self.sd.clip(1e-12) ** 2)
-        prec[self.main] = 1 / np.where(included, self.slab, self.spike)
+        """(..., coordinates) prior precisions with sets, (..., causes)."""
+        prec = np.where(included[..., self.cause], 1 / self.sd**2, 1e12 / self.sd.clip(1e-12) ** 2)
+        prec[..., self.main] = 1 / np.where(included, self.slab, self.spike)
         return np.asarray(prec)
 
     def score(self, included: Mask) -> float:
@@ -166,28 +167,39 @@ class Sets:
     def _score_and_fit(self, included: Mask) -> tuple[float, float]:
         key = included.tobytes()
         if key not in self._cache:
-            self._cache[key] = self._scored(included)
+            self._score([included])
         return self._cache[key]
 
-    def _scored(self, included: Mask) -> tuple[float, float]:
-        if self._excluded(included):
-            return NEVER, NEVER
-        prec = self._precision(included)
-        by = 1 / np.sqrt(prec)
-        L, failed = lapack.dpotrf(self.S * np.outer(by, by) + np.eye(len(by)), lower=1, overwrite_a=1)
-        if failed:
-            return NEVER, NEVER
-        y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
-        x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
-        magnitudes = self.mean - by * x
-        mains = self.main & included[self.cause]
-        size = 1e-6 * np.sqrt(self.slab[self.cause[mains]])
-        if np.any(magnitudes[mains] < self.low[mains] - size) or np.any(magnitudes[mains] > self.high[mains] + size):
-            return NEVER, NEVER
-        fit = 0.5 * float(y @ y)
-        if not fit <= self.left:  # only rounding is left where the vehicle spins
-            return NEVER, NEVER
-        return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[included])), fit
+    def _score(self, sets: Sequence[Mask]) -> None:
+        """Score sets, all at once as far as possible: their matrices are small."""
+        new = {item.tobytes(): item for item in sets}
+        new = {key: item for key, item in new.items() if key not in self._cache}
+        self._cache |= dict.fromkeys(new, (NEVER, NEVER))
+        possible = {key: item for key, item in new.items() if not self._excluded(item)}
+        if possible:
+            self._cache |= dict(zip(possible, self._scored(np.array(list(possible.values()))), strict=True))
+
+    def _scored(self, included: Mask) -> list[tuple[float, float]]:
+        """Score and fit of sets, (n, causes)."""
+        by = 1 / np.sqrt(self._precision(included))
+        H, b, x = (
+            np.ascontiguousarray(self.S * (by[:, :, None] * by[:, None, :])),
+            by * self.b,
+            np.full(by.shape, np.nan),
+        )
+        diagonals = np.einsum("nkk->nk", H)  # a view
+        diagonals += 1.0
+        for k, (each, slope) in enumerate(zip(H, b, strict=True)):  # symmetric: LAPACK's column order without a copy
+            _, solution, failed = lapack.dposv(each.T, slope, lower=1, overwrite_a=1)
+            if not failed:
+                x[k] = solution
+        magnitudes, size = self.mean - by * x, 1e-6 * np.sqrt(self.slab)[self.cause]
+        off = (magnitudes < self.low - size) | (magnitudes > self.high + size)
+        fits = 0.5 * np.sum(b * x, axis=1)
+        # sets without a fit, or that leave rounding alone, as where the vehicle spins
+        never = np.any(off & self.main & included[:, self.cause], axis=1) | ~(fits <= self.left)
+        scores = fits - np.sum(np.log(np.where(never[:, None], 1.0, diagonals)), axis=1) - included @ self.odds
+        return [(NEVER, NEVER) if no else (float(s), float(f)) for no, s, f in zip(never, scores, fits, strict=True)]
 
     def beyond(self, included: Mask) -> Mask:
         """(causes,) whether a cause is in the set and its best magnitude lies beyond its bounds."""
@@ -218,6 +230,7 @@ class Sets:
                         swap = other.copy()
                         swap[j] = False
                         tried.append(swap)
+            self._score(tried)
             scores = [self.score(item) for item in tried]
             k = int(np.argmax(scores))
             if not scores[k] > score + 1e-6:  # stops at NaN, too
