@@ -157,6 +157,9 @@ def show_changed(out: Console, changed: Changed) -> None:
             table.add_row(item.effect, magnitude_words(item), probability(item.probability), f"before: {mean}")
     lead = f"{'' if gap.applied else 'nothing '}beyond the scatter of {the_recordings(changed.since)}"
     out.print(led("Changed", Group(lead, table) if gap.applied else lead))
+    for alike in gap.classes:
+        if alike.applied and len(alike.members) > 1:
+            out.print(led("", f"one of {listed(alike.members)}, probability {probability(alike.probability)}"))
     for item in gap.ranking:
         if item.reason:
             out.print(led("", f"{item.effect} {magnitude_words(item)} not applied: {item.reason}"))

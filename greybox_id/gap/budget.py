@@ -83,7 +83,9 @@ def budget(
     sums[:, 1:-2] = np.minimum(sums[:, 1:-2], np.maximum(sums[:, :1], sums[:, -2:-1]))
     charges = np.array([misfits[item].charge for item in sets])
     without = [sets.index(frozenset(names) - {name}) for name in names]
-    weights = np.array([[_weight(name, item, len(names)) for item in sets] for name in names]).reshape(len(names), -1)
+    weights = np.array([[shapley_weight(name, item, len(names)) for item in sets] for name in names]).reshape(
+        len(names), -1
+    )
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
@@ -113,7 +115,7 @@ def budget(
     return Budget(tuple(result[:n]), result[n], recordings, held_out, shows, tuple(result[n + 1 :]))
 
 
-def _weight(name: str, value: Set, n: int) -> float:
+def shapley_weight(name: str, value: Set, n: int) -> float:
     """Weight of the error with a set of effects in the Shapley value of one of them."""
     if name in value:
         return -factorial(len(value) - 1) * factorial(n - len(value)) / factorial(n)

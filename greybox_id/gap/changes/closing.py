@@ -9,31 +9,26 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.statistics import resampled
+from ..budget import shapley_weight, subsets
 from ..estimation.calibration import CAL
 from ..gap import Budget, Closure, Share
-from .between_runs import Common, RunExplained
+from .between_runs import Common, RunExplained, values_of
 from .innovations import FollowedRun
 
 
-def closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
-    """How far errors close from the vehicle's numbers as they were before to those of `mean`."""
-    weigher, sums = known.weigher, list[tuple[float, float, float]]()
-    for ride in rides:
-        first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
-        if first is None or then is None:
-            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
-        ones = np.ones(weigher.noise.channels)
-        squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
-        sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
-    each = np.array(sums)
-    total = np.sum(each, axis=0)
+def closure(
+    known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...], first: Array | None = None
+) -> Closure:
+    """How far errors close from the vehicle's numbers `first`, by default as they were before, to those of `mean`."""
+    sums = _squares(known, rides, [known.x if first is None else first, mean])
+    total = np.sum(sums, axis=0)
     before, after = (float(item) for item in total[:2] / total[2])
 
     def share(total: Array) -> float:
         before, after = total[:2] / total[2]
         return float((before - after) / max(before - min(1.0, before, after), CAL.least_gap))
 
-    low, high = (float(end) for end in resampled(each, share, CAL.draws))
+    low, high = (float(end) for end in resampled(sums, share, CAL.draws))
     return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
 
 
@@ -41,26 +36,57 @@ def budget_of(
     known: Common,
     rides: Sequence[FollowedRun],
     mean: Array,
-    applied: Sequence[int],
-    names: Mapping[int, str],
-    judged: Closure,
+    applied: Mapping[int, str],
+    names: tuple[str, ...],
     held_out: bool,
 ) -> Budget | None:
-    """Shares of the applied effects, added one after the other; the rest of the gap is unexplained."""
+    """Shares of the applied effects, by Shapley; the rest of the gap is unexplained.
+
+    Parameters
+    ----------
+    mean : coordinates of the vehicle with all of them.
+    applied : index of its number -> name of an effect.
+    names : of the recordings.
+    held_out : whether these chose nothing.
+    """
     if not applied:
         return None
-    low, high = judged.closed_interval
-    rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
-    upto = [judged.closed]
-    for count in range(len(applied) - 1, 0, -1):
-        at = known.x.copy()
-        at[[*applied[:count]]] = mean[[*applied[:count]]]
-        upto.insert(0, closure(known, rides, at, judged.recordings).closed)
-    shares = []
-    for place, value in zip(applied, np.diff(upto, prepend=0.0), strict=True):
-        ends = (value - 0.5 * (high - low), value + 0.5 * (high - low)) if len(applied) > 1 else (low, high)
-        shares.append(Share(names[place], float(value), *(float(end) for end in ends)))
-    return Budget(tuple(shares), rest, judged.recordings, held_out)
+    sets = subsets(tuple(applied.values()))
+    means = [np.where([applied.get(k) in some for k in range(len(mean))], mean, known.x) for some in sets]
+    weights = np.array([[shapley_weight(name, some, len(applied)) for some in sets] for name in applied.values()])
+
+    def shares(total: Array) -> Array:
+        E = total[:-1] / total[-1]
+        excess = max(E[0] - min(1.0, E[0], E[-1]), CAL.least_gap)
+        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets that lose the vehicle explain nothing
+        return np.asarray(np.append(weights @ E, excess - E[0] + E[-1]) / excess)
+
+    sums = _squares(known, rides, means)
+    low, high = resampled(sums, shares, CAL.draws)
+    result = [Share(name, float(s), float(a), float(b))
+              for name, s, a, b in zip((*applied.values(), "unexplained"), shares(np.sum(sums, axis=0)), low, high,
+                                       strict=True)]  # fmt: skip
+    return Budget(tuple(result[:-1]), result[-1], names, held_out)
+
+
+def _squares(known: Common, rides: Sequence[FollowedRun], means: Sequence[Array]) -> Array:
+    """(blocks, means + 1) sums of squared innovations with each of several coordinates, and numbers of readings."""
+    weigher, result = known.weigher, list[Array]()
+    ones = np.ones(weigher.noise.channels)
+    for ride in rides:
+        several = weigher.follower.beside(ride, [values_of(weigher.numbers, x) for x in means])
+        there = [one for one in several if one is not None]
+        if len(there) < len(several):
+            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+        squares = [np.sum(weigher.noise.white(one, ones) ** 2, axis=1) for one in there]
+        result.append(np.stack([*squares, np.sum(there[0].there, axis=1)], axis=1))
+    return np.concatenate(result)
+
+
+def mean_square(known: Common, rides: Sequence[FollowedRun], mean: Array) -> float:
+    """Mean square of innovations over their predicted size, with coordinates `mean`."""
+    total = np.sum(_squares(known, rides, [mean]), axis=0)
+    return float(total[0] / total[1])
 
 
 def loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:

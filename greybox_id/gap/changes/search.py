@@ -1,8 +1,9 @@
-"""Which number of a vehicle differs beyond its scatter: each that may change is tried, and recordings decide.
+"""Which numbers of a vehicle differ beyond their scatter: sets of changes are tried, and recordings decide.
 
-An effect is one of these numbers with its prior widened. Its gain is the difference of two log evidences, by Laplace's
-approximation. Recordings that chose nothing, or halves of those that did, decide: with the magnitude held, and all else
-under the prior of any run.
+A change is one of these numbers with its prior widened. What a set of them gains is the difference of two log
+evidences, by Laplace's approximation. Recordings that chose nothing, or halves of those that did, decide: with the
+magnitudes held, and all else under the prior of any run. Sets grow by one change at a time; once a set is the best one,
+each of its changes is removed in turn, and others are tried in its place.
 """
 
 from __future__ import annotations
@@ -11,21 +12,48 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from ...base.shorthands import Array
 from ..estimation.calibration import CAL
 from .between_runs import Common, RunExplained, change_sds, explained
 from .innovations import FollowedRun
 
+Places = frozenset[int]
+"""Indices of the numbers that changed."""
+NONE: Places = frozenset()
+
+
+@dataclass(frozen=True)
+class ChangedSet:
+    """Recordings from after, explained with a set of changes.
+
+    Attributes
+    ----------
+    places : of the changes.
+    covariance : prior covariance of all numbers, widened for these.
+    explained : the recordings on which sizes are chosen.
+    judged : each recording, or half, on which the set is judged, with sizes held.
+    shift : (n,) changes beyond scatter, in their coordinates; zero for all others.
+    means : prior means with which each of `judged` was explained.
+    """
+
+    places: Places
+    covariance: Array
+    explained: RunExplained
+    judged: tuple[RunExplained, ...]
+    shift: Array
+    means: tuple[Array, ...]
+
 
 @dataclass(frozen=True)
 class Promising:
-    """An effect on recordings from after, as a change beyond scatter.
+    """A change in addition to a set.
 
     Attributes
     ----------
     place : index of its number.
-    covariance : prior covariance of all numbers, widened for this one.
+    covariance : prior covariance of all numbers, widened for the set and this one.
     starts : where refits begin.
     gain : expected, in log-likelihood.
     """
@@ -38,7 +66,7 @@ class Promising:
 
 @dataclass(frozen=True)
 class Change:
-    """An effect that was refitted.
+    """A change that was refitted, beside the others of its set.
 
     Attributes
     ----------
@@ -66,113 +94,259 @@ class Change:
     @property
     def least(self) -> float:
         """Least margin of its gains over those required: of all recordings, where chosen, and where judged."""
-        if self.beyond > CAL.reach_sd:
-            return -np.inf
-        return min(self.total - self.cost, min(self.gain, self.held_out) - CAL.cost_held_out)
+        return margin(self.gain, self.held_out, self.apart, self.beyond, self.cost)
 
 
-def changes(
-    known: Common,
-    rides: Sequence[FollowedRun],
-    others: Sequence[FollowedRun],
-    halves: Sequence[Sequence[FollowedRun]] = (),
-    nameless: Sequence[str] = (),
-    cost: float = CAL.cost_changed,
-) -> tuple[RunExplained, list[Change]]:
-    """Explanations of recordings from after without a change, and with each of the most promising ones; best first.
+def margin(gain: float, held_out: float, apart: bool, beyond: float, cost: float, count: int = 1) -> float:
+    """Least margin of the gains of some changes over those required of each."""
+    if beyond > CAL.reach_sd:
+        return -np.inf
+    total = gain + (held_out if apart else 0.0)
+    return min(total - count * cost, min(gain, held_out) - count * CAL.cost_held_out)
+
+
+class ChangeSearch:
+    """Sets of changes of recordings from after.
 
     Parameters
     ----------
     known : of the recordings from before.
-    rides : on which magnitudes are chosen.
+    rides : on which sizes are chosen.
     others : on which changes are judged; if there are none,
     halves : of `rides`, each of which judges what the other one chose.
     nameless : numbers that may differ between runs and are no change.
     cost : what a change must gain.
+
+    Attributes
+    ----------
+    sets : that were tried, by their places.
     """
-    weigher, V = known.weigher, known.of_a_run
-    information = np.sum([weigher.curve(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or information[k, k] * V[k, k] > CAL.matters]
 
-    def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
-        return explained(weigher, rides, start, mean, V, moved)
+    def __init__(
+        self,
+        known: Common,
+        rides: Sequence[FollowedRun],
+        others: Sequence[FollowedRun],
+        halves: Sequence[Sequence[FollowedRun]] = (),
+        nameless: Sequence[str] = (),
+        cost: float = CAL.cost_changed,
+    ) -> None:
+        self.known, self.rides, self.cost, self.apart = known, rides, cost, bool(others)
+        self._halves = [] if others else [*halves]
+        self._judges: list[Sequence[FollowedRun]] = [[ride] for ride in others] or self._halves
+        V = known.of_a_run
+        information = np.sum([known.weigher.curve(ride, known.x).H for ride in rides], axis=0)
+        self._moved = [k for k in range(len(V)) if k in known.varying or information[k, k] * V[k, k] > CAL.matters]
+        self._named = [j for j in known.varying if known.numbers[j].name not in nameless]
+        base = self._explained(rides, V, known.x, known.x)
+        first = base.x if self._halves else known.x
+        judged = tuple(self._explained(judge, V, known.x, first) for judge in self._judges)
+        means = (known.x,) * len(judged)
+        self.sets = {NONE: ChangedSet(NONE, V, base, judged, np.zeros_like(known.x), means)}
+        self._searched()
 
-    base = without(rides, known.x, known.x)
-    judges = [[ride] for ride in others] or halves
-    plain = [without(judge, known.x, base.x if halves else known.x) for judge in judges]
-    named = [j for j in known.varying if known.numbers[j].name not in nameless]
-    promising = sorted((_promising(known, base, rides, j) for j in named), key=lambda item: -item.gain)
-    tried = [item for k, item in enumerate(promising[: CAL.refitted]) if k == 0 or item.gain > CAL.enough]
-    refits = [(item, *_refitted(known, rides, item, moved)) for item in tried]
-    if refits:  # both sides of the comparison must have had the same starts
-        nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
-        again = without(rides, known.x, nearest.x)
-        if again.cost < base.cost:
-            base = again
-            refits = [(item, *_refitted(known, rides, replace(item, starts=(base.x,)), moved, [best]))
-                      for item, best, _ in refits]  # fmt: skip
-    result = list[Change]()
-    for item, best, shift in refits:
-        occam = 0.5 * (_log_det(item.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        sd = float(change_sds(best.information, V)[item.place])
-        shifts = [shift] * len(judges)
-        if not others:
-            near = replace(item, starts=(best.x,))
-            shifts = [_refitted(known, half, near, moved)[1] for half in reversed(halves)]
-        held = 0.0
-        for judge, alone, by in zip(judges, plain, shifts, strict=True):
-            mean = known.x.copy()
-            mean[item.place] += by
-            there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
-            if there.cost > least:  # either may be in a local optimum
-                there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
-            elif least - there.cost > CAL.cost_held_out:
-                least = min(least, without(judge, known.x, there.x).cost)
-            held += least - there.cost
-        width = known.numbers[item.place].change
-        gain = base.cost - best.cost - occam
-        result.append(Change(item.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
-    return base, sorted(result, key=lambda item: (-item.least, -item.total))
+    # ---- what sets gain
+
+    def gains(self, places: Places) -> tuple[float, float]:
+        """Log evidence that a set gains where it was chosen, and log-likelihood where it was judged."""
+        there, none = self.sets[places], self.sets[NONE]
+        occam = 0.5 * (
+            _log_det(there.covariance) - _log_det(none.covariance)
+            + _log_det(there.explained.H) - _log_det(none.explained.H)
+        )  # fmt: skip
+        held_out = sum(alone.cost - one.cost for alone, one in zip(none.judged, there.judged, strict=True))
+        return none.explained.cost - there.explained.cost - occam, float(held_out)
+
+    def total(self, places: Places) -> float:
+        """Log evidence that a set gains on all recordings."""
+        gain, held_out = self.gains(places)
+        return gain + (held_out if self.apart else 0.0)
+
+    def weight(self, places: Places) -> float:
+        """Log-odds of a set against no change."""
+        if not places:
+            return 0.0
+        beyond = max(self._beyond(places, place) for place in places)
+        return margin(*self.gains(places), self.apart, beyond, self.cost, len(places))
+
+    def change(self, places: Places, place: int) -> Change:
+        """A change of a set, beside its others."""
+        there, rest = self.sets[places], places - {place}
+        (gain, held_out), (least, held) = self.gains(places), self.gains(rest)
+        sd = float(change_sds(there.explained.information, self.sets[rest].covariance)[place])
+        shift = float(there.shift[place]), sd
+        return Change(place, shift, gain - least, held_out - held, self.apart, self._beyond(places, place), self.cost)
+
+    def stands(self, places: Places) -> bool:
+        """Whether each change of a set, which was compared with all its parts, gains what it must beside the others."""
+        return all(self.change(places, place).least > 0 for place in places)
+
+    def best(self, of: Places | None = None) -> Places:
+        """The most probable set of which each change gains what it must, of a set's parts or of all."""
+        return max((it for it in self._whole if (of is None or it <= of) and self.stands(it)), key=self.weight)
+
+    def probability(self, *places: int) -> float:
+        """That one of some numbers changed, alone or with others."""
+        weights = {it: self.weight(it) for it in self.sets}
+        some = [weight for it, weight in weights.items() if not it.isdisjoint(places)]
+        return float(np.exp(logsumexp(some) - logsumexp([*weights.values()]))) if some else 0.0
+
+    def likeliest(self, place: int) -> Places:
+        """The most probable set in which a number changed, of those that can be compared with all their parts."""
+        return max((it for it in self._whole if place in it), key=self.weight)
+
+    def alike(self, places: Places, place: int) -> tuple[int, ...]:
+        """Numbers whose change explains the recordings about as well in the place of one of a set."""
+        others = {k: places - {place} | {k} for k in self._named if k not in places}
+        least = self.weight(places) - CAL.alike
+        return tuple(k for k, instead in others.items() if instead in self.sets and self.weight(instead) > least)
+
+    @property
+    def tried(self) -> list[int]:
+        """Numbers whose change was tried, most probable first."""
+        return sorted({k for it in self._whole for k in it}, key=lambda k: -self.weight(self.likeliest(k)))
+
+    @property
+    def _whole(self) -> list[Places]:
+        """Sets that can be compared with all their parts."""
+        return [it for it in self.sets if all(it - {k} in self.sets for k in it)]
+
+    def _beyond(self, places: Places, place: int) -> float:
+        """Size of a change of a set, over the width of what a change may be."""
+        return abs(float(self.sets[places].shift[place])) / self.known.numbers[place].change
+
+    # ---- the search
+
+    def _searched(self) -> None:
+        """Add changes to the best set, and exchange each of its own, until no set is better."""
+        self._grow(NONE, self._named)
+        done = {NONE}
+        while True:
+            best = max(self.sets, key=self.weight)
+            for place in best:
+                if best - {place} not in self.sets:
+                    self._shrink(best, place)
+            around = [part for part in (best, *(best - {place} for place in best)) if part not in done]
+            if not around:
+                return
+            self._grow(around[0], self._screened(around[0]))
+            done.add(around[0])
+
+    def _screened(self, places: Places) -> list[int]:
+        """Numbers whose change, in addition to a set, is expected to gain something wherever it is judged."""
+        there = self.sets[places]
+        s, Q = _scores(there.explained, self.known.x, there.covariance)
+        judged = [_scores(one, mean, self.known.of_a_run) for one, mean in zip(there.judged, there.means, strict=True)]
+        result = []
+        for place in self._named:
+            if places | {place} in self.sets:
+                continue
+            wide = self.known.numbers[place].change ** 2
+            shift = np.zeros_like(s)
+            shift[place] = wide * s[place] / (1.0 + wide * Q[place, place])
+            for other in places:
+                shift[other] = -(self.known.numbers[other].change ** 2) * shift[place] * Q[other, place]
+            gain = 0.5 * float(shift[place] * s[place] - np.log1p(wide * Q[place, place]))
+            held_out = sum(float(shift @ t - 0.5 * shift @ R @ shift) for t, R in judged)
+            if min(gain, held_out) > 0:
+                result.append(place)
+        return result
+
+    def _grow(self, places: Places, candidates: Sequence[int]) -> None:
+        """Refit a set with the most promising ones of further changes."""
+        there = self.sets[places]
+        promising = sorted((self._promising(there, place) for place in candidates), key=lambda item: -item.gain)
+        tried = [item for k, item in enumerate(promising[: CAL.refitted]) if k == 0 or item.gain > CAL.enough]
+        refits = {item.place: self._refitted(self.rides, item.covariance, item.starts) for item in tried}
+        if not refits:
+            return
+        nearest = min(refits.values(), key=lambda one: one.cost)  # both sides of a comparison must have the same starts
+        again = self._refitted(self.rides, there.covariance, [nearest.x])
+        if again.cost < there.explained.cost:
+            there = self._replaced(replace(there, explained=again))
+            for item in tried:
+                more = self._refitted(self.rides, item.covariance, [again.x])
+                refits[item.place] = min(refits[item.place], more, key=lambda one: one.cost)
+        for item in tried:
+            self._judge(places | {item.place}, item.covariance, refits[item.place], places)
+
+    def _shrink(self, places: Places, place: int) -> None:
+        """Refit a set without one of its changes."""
+        there, covariance = self.sets[places], self._widened(places - {place})
+        x = there.explained.x
+        rest = self._refitted(self.rides, covariance, [x, x - there.shift * (np.arange(len(x)) == place)])
+        self._judge(places - {place}, covariance, rest, places)
+
+    def _judge(self, places: Places, covariance: Array, refit: RunExplained, beside: Places) -> None:
+        """Explain the recordings that judge a set, from where they are with a similar one, which may gain by it."""
+        shift = self._shift(places, covariance, refit)
+        shifts = [shift] * len(self._judges)
+        if not self.apart:
+            parts = [self._refitted(half, covariance, [refit.x]) for half in reversed(self._halves)]
+            shifts = [self._shift(places, covariance, part) for part in parts]
+        other, V = self.sets[beside], self.known.of_a_run
+        judged, means, improved = list[RunExplained](), list[Array](), list[RunExplained]()
+        for judge, alone, before, by in zip(self._judges, other.judged, other.means, shifts, strict=True):
+            mean = self.known.x + by
+            there = self._explained(judge, V, mean, alone.x + mean - before)
+            if there.cost > alone.cost:  # either may be in a local optimum
+                there = min(there, self._explained(judge, V, mean, alone.x), key=lambda one: one.cost)
+            elif alone.cost - there.cost > CAL.cost_held_out:
+                alone = min(alone, self._explained(judge, V, before, there.x), key=lambda one: one.cost)
+            judged.append(there)
+            means.append(mean)
+            improved.append(alone)
+        self._replaced(replace(other, judged=tuple(improved)))
+        self._replaced(ChangedSet(places, covariance, refit, tuple(judged), shift, tuple(means)))
+
+    def _promising(self, there: ChangedSet, place: int) -> Promising:
+        """A further change's expected gain, by a Gauss-Newton step from the set's optimum and magnitudes tried."""
+        known, base = self.known, there.explained
+        number = known.numbers[place]
+        wide = self._widened(there.places | {place})
+        precision = np.linalg.inv(wide)
+        g = base.pull + precision @ (base.x - known.x)
+        tried = [base.x, base.x - np.linalg.solve(base.information + precision, g)]
+        for others in (base.x, known.x + there.shift):  # in the base, other numbers may have absorbed the change
+            for reach in CAL.changed_starts:
+                x = others.copy()
+                x[place] = np.clip(known.x[place] + reach * number.change, number.low, number.high)
+                tried.append(x)
+        offs = np.array(tried) - known.x
+        costs = 0.5 * np.einsum("ti,ij,tj->t", offs, precision, offs)
+        costs += np.sum([known.weigher.costs(ride, tried) for ride in self.rides], axis=0)
+        best = int(np.argmin(costs))
+        starts = (tried[best],) if best < 2 else (tried[best], base.x)
+        return Promising(place, wide, starts, base.cost - float(costs[best]))
+
+    def _replaced(self, value: ChangedSet) -> ChangedSet:
+        self.sets[value.places] = value
+        return value
+
+    def _widened(self, places: Places) -> Array:
+        V = self.known.of_a_run.copy()
+        for place in places:
+            V[place, place] += self.known.numbers[place].change ** 2
+        return V
+
+    def _shift(self, places: Places, covariance: Array, refit: RunExplained) -> Array:
+        """(n,) changes beyond scatter: parts of deviations that are due to the widening of priors."""
+        widened = covariance - self.known.of_a_run
+        return np.asarray(widened @ np.linalg.solve(covariance, refit.x - self.known.x))
+
+    def _refitted(self, rides: Sequence[FollowedRun], covariance: Array, starts: Sequence[Array]) -> RunExplained:
+        return min((self._explained(rides, covariance, self.known.x, x) for x in starts), key=lambda one: one.cost)
+
+    def _explained(self, rides: Sequence[FollowedRun], covariance: Array, mean: Array, start: Array) -> RunExplained:
+        return explained(self.known.weigher, rides, start, mean, covariance, self._moved)
 
 
-def _refitted(
-    known: Common,
-    rides: Sequence[FollowedRun],
-    promising: Promising,
-    moved: Sequence[int],
-    result: Sequence[RunExplained] = (),
-) -> tuple[RunExplained, float]:
-    """The best explanation with the prior widened, or one of `result`, and the change of its number beyond scatter."""
-    weigher, V = known.weigher, known.of_a_run
-    tried = [explained(weigher, rides, x, known.x, promising.covariance, moved) for x in promising.starts]
-    best = min([*result, *tried], key=lambda one: one.cost)
-    widened = promising.covariance[promising.place, promising.place] - V[promising.place, promising.place]
-    return best, float(widened * np.linalg.solve(promising.covariance, best.x - known.x)[promising.place])
-
-
-def _promising(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promising:
-    """An effect's expected gain: from the base, a Gauss-Newton step from there, and magnitudes that are tried."""
-    number, V = known.numbers[place], known.of_a_run
-    width = number.change
-    wide = V.copy()
-    wide[place, place] += width**2
-    precision = np.linalg.inv(wide)
-
-    def cost(x: Array) -> float:
-        off = x - known.x
-        return sum(known.weigher.cost(ride, x) for ride in rides) + 0.5 * float(off @ precision @ off)
-
-    g = base.pull + precision @ (base.x - known.x)
-    tried = [base.x, base.x - np.linalg.solve(base.information + precision, g)]
-    for others in (base.x, known.x):  # in the base, other numbers may have absorbed the change
-        for reach in CAL.changed_starts:
-            x = others.copy()
-            x[place] = np.clip(known.x[place] + reach * width, number.low, number.high)
-            tried.append(x)
-    costs = [cost(x) for x in tried]
-    best = int(np.argmin(costs))
-    starts = (tried[best],) if best < 2 else (tried[best], base.x)
-    return Promising(place, wide, starts, base.cost - costs[best])
+def _scores(there: RunExplained, mean: Array, covariance: Array) -> tuple[Array, Array]:
+    """Derivative of the log evidence by a shift of the prior mean, and its information, to first order."""
+    P = np.linalg.inv(covariance)
+    off = P @ (there.x - mean)
+    by = np.linalg.solve(there.information + P, np.column_stack([P, there.pull + off]))
+    return off - P @ by[:, -1], P - P @ by[:, :-1]
 
 
 def _log_det(A: Array) -> float:

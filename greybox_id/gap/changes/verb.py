@@ -10,16 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from math import exp, inf, isfinite, log
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import BadInput
-from ...base.numbers import listed, number, the_recordings
-from ...base.shorthands import Array
+from ...base.numbers import the_recordings
 from ...datasets.checks import doubts
 from ...datasets.recording import Recording, held_twice
 from ...engine.simulation import Diagnosed
@@ -28,12 +26,12 @@ from ...models.motion_model import MotionModel
 from ...models.parameter import Stated
 from ...models.vehicle import Vehicle
 from ..estimation.calibration import CAL
-from ..gap import Closure, Gap, Ranked, Where
-from .between_runs import Common, RunExplained, values_of
-from .closing import budget_of, channels_of, closure, loudness
+from ..gap import Gap
+from .between_runs import Common, values_of
 from .columns import ByColumns, steering_changes
+from .comparison import Comparison, within
 from .innovations import FollowedRun, Follower
-from .search import Change, changes
+from .search import ChangeSearch
 from .sensitivity import Visible, visible
 from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
@@ -149,12 +147,12 @@ def diagnose_change(
         moved = known.x.copy()
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
-        base, result = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
+        shown = [known.numbers[place].name for place in direct]
+        search = ChangeSearch(replace(known, x=moved), rides, others, halves, (*nameless, *shown), cost)
         elsewhere = () if driven else (driven_elsewhere([*rides, *others], unchanged),)
-    result = [one for one in result if one.place not in direct]
     names = tuple(one.name for one in after), tuple(one.name for one in held_out or after)
-    compared = _Comparison(possible, known, rides, others or rides, names, direct, result)
-    gap = _answer(compared, model, base, bool(held_out), (*doubts([*after, *since]), *elsewhere))
+    compared = Comparison(possible, known, rides, others or rides, names, unchanged, direct, search)
+    gap = compared.answer(model, bool(held_out), (*doubts([*after, *since]), *elsewhere))
     before, scatter = _before(vehicle, possible, known)
     applied = [k for k, one in enumerate(known.numbers) if compared.effects.get(one.name) in gap.applied]
     sds = _sds(known, [*rides, *others], compared.effects, applied)
@@ -242,157 +240,6 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
     return not steps or max(steps) < CAL.rates * min(steps)
 
 
-@dataclass(frozen=True)
-class _Comparison:
-    """Recordings from after, compared with the vehicle as it was before.
-
-    Attributes
-    ----------
-    possible : effects that may have changed, by name.
-    known : the vehicle as it was before.
-    rides, others : recordings on which changes were chosen, and on which they were judged.
-    names : of these recordings.
-    direct : changes that two columns show by themselves, by the index of their number.
-    refitted : other changes, best first.
-    """
-
-    possible: Mapping[str, Effect]
-    known: Common
-    rides: Sequence[FollowedRun]
-    others: Sequence[FollowedRun]
-    names: tuple[tuple[str, ...], tuple[str, ...]]
-    direct: Mapping[int, ByColumns]
-    refitted: Sequence[Change]
-
-    @cached_property
-    def effects(self) -> dict[str, str]:
-        """Effect of each number that may have changed."""
-        return {effect.parameter.name: name for name, effect in self.possible.items()}
-
-    def effect(self, place: int) -> str:
-        """Name of the effect of a number."""
-        return self.effects[self.known.numbers[place].name]
-
-    @cached_property
-    def best(self) -> Change | None:
-        """The best refitted change, if it gains what it must."""
-        return self.refitted[0] if self.refitted and self.refitted[0].least > 0 else None
-
-    @cached_property
-    def alike(self) -> tuple[str, ...]:
-        """Effects that explain the recordings about as well as the best one."""
-        if self.best is None:
-            return ()
-        return tuple(self.effect(one.place) for one in self.refitted[1:] if self.best.least - one.least < CAL.alike)
-
-    @cached_property
-    def probabilities(self) -> Array:
-        """(refitted,) of the changes: at most one of them happened."""
-        weights = np.array([exp(min(one.least, 300.0)) for one in self.refitted])
-        return np.asarray(weights / (1.0 + np.sum(weights)))
-
-    @cached_property
-    def shown(self) -> Array:
-        """Coordinates of the vehicle as it was before, with the changes that two columns show."""
-        x = self.known.x.copy()
-        for place, by in self.direct.items():
-            x[place] += by.shift
-        return x
-
-    def closures(self, x: Array) -> tuple[Closure, Closure]:
-        """How far errors close where changes were chosen, and where they were judged, with coordinates x."""
-        chosen, judged = zip((self.rides, self.others), self.names, strict=True)
-        return closure(self.known, chosen[0], x, chosen[1]), closure(self.known, judged[0], x, judged[1])
-
-    def doubt(self, x: Array, judged: Closure) -> str:
-        """Why the best change is not applied, although it gains what it must; "" if it is."""
-        assert self.best is not None
-        number = self.known.numbers[self.best.place]
-        if judged.closed_interval[0] <= 0:
-            return "it does not improve predictions of held-out recordings"
-        if self.probabilities[0] <= CAL.present:
-            beside = f"; {listed(self.alike)} would explain the recordings equally well" if self.alike else ""
-            return f"its probability is {self.probabilities[0]:.2f}, not more than one half{beside}"
-        if not number.low < x[self.best.place] < number.high:
-            return "it is at its bound: a symptom of another cause, not an estimate"
-        return ""
-
-    def ranking(self, doubt: str) -> tuple[Ranked, ...]:
-        """Changes that two columns show, then the others; `doubt` is that about the best of these."""
-        result = [self._ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
-                  for place, by in self.direct.items()]  # fmt: skip
-        for one, p in zip(self.refitted, self.probabilities, strict=True):
-            why = doubt if one is self.best else ""
-            if one.beyond > CAL.reach_sd:
-                why = "it is implausibly large: a symptom of another cause, not an estimate"
-            sd = float(np.hypot(one.shift[1], self.known.scatter[one.place]))
-            mates = self.alike if one is self.best else ()
-            result.append(
-                self._ranked(one.place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why)
-            )
-        return tuple(result)
-
-    def _ranked(self, place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
-        """An effect with its magnitude."""
-        number, name = self.known.numbers[place], self.effect(place)
-        at = np.clip(self.known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
-        low, size, high = (number.value(each) for each in at)
-        unit = self.possible[name].parameter.unit
-        return Ranked(name, float(probability), size, unit, (low, high), gain=gain, **more)
-
-    def by_chance(self) -> float:
-        """How often an unchanged vehicle would show as much, at most: the mean of a ratio of evidences is one."""
-        most = max((one.total for one in self.refitted), default=0.0)
-        return min([1.0, len(self.known.varying) * exp(-most), *(1.0 - by.probability for by in self.direct.values())])
-
-
-def _answer(
-    compared: _Comparison,
-    model: MotionModel,
-    base: RunExplained,
-    held_out: bool,
-    doubts: tuple[str, ...],
-) -> Gap:
-    """The gap to the vehicle as it was before; `base` explains the recordings without a change."""
-    known, best = compared.known, compared.best
-    mean, reason, applied = compared.shown.copy(), "", [*compared.direct]
-    if best is not None:
-        mean[best.place] += best.shift[0]
-    chosen, judged = compared.closures(mean)
-    if best is not None:
-        reason = compared.doubt(mean, judged)
-        if reason:
-            mean = compared.shown
-            chosen, judged = compared.closures(mean)
-        else:
-            applied.append(best.place)
-    loud = loudness(known, compared.rides, base)
-    odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
-    unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
-    channels = channels_of(known, compared.rides)
-    shows = bool(applied) or unknown > 0.5
-    names = {place: compared.effect(place) for place in applied}
-    return Gap(
-        model=model.name,
-        recordings=compared.names[0],
-        doubts=doubts,
-        gap_detected=shows,
-        p_value=compared.by_chance(),
-        unknown_probability=unknown,
-        unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
-        where=Where(channel=max(channels, key=lambda name: channels[name]) if shows else "", channels=channels),
-        ranking=compared.ranking(reason),
-        applied=tuple(names[place] for place in applied),
-        gap=chosen,
-        held_out=judged if held_out else None,
-        not_excited={},
-        absorbed=(),
-        advice=(),
-        closed=_model_at(model, compared.possible, known, mean),
-        budget=budget_of(known, compared.others, mean, applied, names, judged, held_out),
-    )
-
-
 def _before(
     vehicle: Vehicle, possible: Mapping[str, Effect], known: Common
 ) -> tuple[Vehicle, dict[str, tuple[float, float]]]:
@@ -406,7 +253,7 @@ def _before(
         vehicle,
         values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
                 for name, one in vehicle.values.items()},
-        effects={**vehicle.effects, **{name: Stated(_within(possible[name], m),
+        effects={**vehicle.effects, **{name: Stated(within(possible[name], m),
                                                     s * (abs(m) if possible[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
@@ -440,25 +287,6 @@ def by_place(known: Common, possible: Mapping[str, Effect], columns: Sequence[By
     places = {number.name: place for place, number in enumerate(known.numbers)}
     return {places[possible[one.effect].parameter.name]: one for one in columns
             if one.effect in possible and possible[one.effect].parameter.name in places}  # fmt: skip
-
-
-def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
-    """The model with the vehicle's numbers at coordinates x."""
-    values = values_of(known.numbers, x)
-    result = model
-    for name, effect in effects.items():
-        value, null = _within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
-        if name in result.effects:
-            result = result.with_parameters(result[effect.parameter.name].with_value(value))
-        elif abs(value - null) > 1e-9:
-            result = result + effect.at(value)
-    return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
-
-
-def _within(effect: Effect, value: float) -> float:
-    """A magnitude within an effect's bounds: a delay between clocks may be negative, that of a model may not."""
-    low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
-    return min(max(value, low), high)
 
 
 def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:

@@ -369,6 +369,7 @@ class Calibration:
     damping: float = _known(1e-3, "least nonzero damping of such steps, over the Hessian's diagonal: Nielsen's first")
     least_promise: float = _known(0.01, "of between_settled, below which a damped step is not tried: noise of costs")
     rounds_of_scatter: int = _known(4, "rounds in which scatter is estimated, numbers refitted in each")
+    steps_of_scatter: int = _known(200, "steps of its estimate in each, numbers linearised: they settle")
     settled_scatter: float = _known(0.03, "relative change of a scatter, below which rounds end")
     most_rows: int = _known(24_000, "rows that are examined at most, four minutes at 100 Hz: time is in proportion")
     thinnest: float = _known(0.05, "s between rows that free runs are fitted to: a tenth of a vehicle's yaw motion")

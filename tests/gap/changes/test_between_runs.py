@@ -52,6 +52,19 @@ def test_scatter_is_learned_from_many_runs(scatter):
     assert known.x == pytest.approx([3.0, 1.0], abs=3 * scatter / np.sqrt(60))
 
 
+@pytest.mark.parametrize(("apart", "least", "most"), [(0.01, 0.0, 0.15), (1.0, 0.7, 1.2)])
+def test_how_much_a_vehicle_scatters_follows_from_all_its_numbers(apart, least, most):
+    names = [f"n{k}" for k in range(6)]
+    reader = Read()
+    reader.numbers = tuple(VaryingNumber(name, False, 0.0, 10.0, 1e-3, -50.0, 50.0) for name in names)
+    signs = np.array([1, -1, 1, 1, -1, 1])
+    two = [ride(side * apart * 0.5 * np.sqrt(0.5) * signs, np.full(6, 1e-3)) for side in (-1, 1)]
+    known = common(reader, two, dict.fromkeys(names, 0.5), dict.fromkeys(names, 4.0))
+    assert np.all((known.scatter > least * 0.5) & (known.scatter < most * 0.5))
+    one = common(Read(), [ride([3.0, side * 0.01], [0.01, 1e-3]) for side in (-1, 1)], {"varies": 0.5}, {"varies": 4.0})
+    assert one.scatter[1] > 0.3  # a single number says little
+
+
 def test_runs_that_tell_nothing_leave_the_usual_scatter():
     blind = [ride([3.0, 40.0 * (-1) ** k], [0.01, 1e4]) for k in range(6)]
     known = common(Read(), blind, {"varies": 0.5}, {"varies": 4.0})

@@ -1,0 +1,210 @@
+"""Recordings from after, compared with the vehicle as it was before: which changes are named, and why not others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import comb, exp, log, sqrt
+from typing import Any
+
+import numpy as np
+
+from ...base.numbers import listed, number
+from ...base.shorthands import Array
+from ...models.effect import Effect
+from ...models.motion_model import MotionModel
+from ..estimation.calibration import CAL
+from ..gap import CauseClass, Gap, Ranked, Where
+from .between_runs import Common, values_of
+from .closing import budget_of, channels_of, closure, loudness, mean_square
+from .columns import ByColumns
+from .innovations import FollowedRun
+from .search import NONE, ChangeSearch, Places
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Recordings from after, compared with the vehicle as it was before.
+
+    Attributes
+    ----------
+    possible : effects that may have changed, by name.
+    known : the vehicle as it was before.
+    rides, others : recordings on which changes were chosen, and on which they were judged.
+    names : of these recordings.
+    since : recordings from before.
+    direct : changes that two columns show by themselves, by the index of their number.
+    search : sets of other changes.
+    """
+
+    possible: Mapping[str, Effect]
+    known: Common
+    rides: Sequence[FollowedRun]
+    others: Sequence[FollowedRun]
+    names: tuple[tuple[str, ...], tuple[str, ...]]
+    since: Sequence[FollowedRun]
+    direct: Mapping[int, ByColumns]
+    search: ChangeSearch
+
+    @cached_property
+    def effects(self) -> dict[str, str]:
+        """Effect of each number that may have changed."""
+        return {effect.parameter.name: name for name, effect in self.possible.items()}
+
+    def effect(self, place: int) -> str:
+        """Name of the effect of a number."""
+        return self.effects[self.known.numbers[place].name]
+
+    def mean(self, places: Places) -> Array:
+        """Coordinates of the vehicle as it was before, with the changes that two columns show and those of a set."""
+        x = self.known.x + self.search.sets[places].shift
+        for place, by in self.direct.items():
+            x[place] += by.shift
+        return x
+
+    def alike(self, places: Places, place: int) -> tuple[str, ...]:
+        """Effects that explain the recordings about as well in the place of one of a set."""
+        return tuple(self.effect(one) for one in self.search.alike(places, place))
+
+    @property
+    def classes(self) -> tuple[CauseClass, ...]:
+        """Of each change that is applied or doubted, those that explain the recordings about as well."""
+        result = []
+        for place in (*self.places, *self.doubted):
+            members = (place, *self.search.alike(self._set_of(place), place))
+            each = {self.effect(one): self.search.probability(one) for one in members}
+            names = tuple(sorted(each, key=lambda name: -each[name]))
+            applied = self.effect(place) if place in self.places else ""
+            result.append(CauseClass(names, self.search.probability(*members), each, applied))
+        return tuple(sorted(result, key=lambda one: -one.probability))
+
+    def _set_of(self, place: int) -> Places:
+        """The set in which a change is shown."""
+        if place in self.places:
+            return self.places
+        return self.doubted[place][0] if place in self.doubted else self.search.likeliest(place)
+
+    @cached_property
+    def _judged(self) -> tuple[Places, dict[int, tuple[Places, str]]]:
+        places, doubted = self.search.best(), dict[int, tuple[Places, str]]()
+        while doubts := {place: reason for place in places if (reason := self._doubt(places, place))}:
+            worst = min(doubts, key=lambda place: self.search.change(places, place).least)
+            doubted[worst] = places, doubts[worst]
+            places = self.search.best(places - {worst})
+        return places, doubted
+
+    @property
+    def places(self) -> Places:
+        """The changes that are applied, beside those that two columns show."""
+        return self._judged[0]
+
+    @property
+    def doubted(self) -> Mapping[int, tuple[Places, str]]:
+        """Changes that gain what they must and are not applied: in which set, and why."""
+        return self._judged[1]
+
+    def _doubt(self, places: Places, place: int) -> str:
+        """Why a change is not applied, although it gains what it must; "" if it is."""
+        one, probability, mean = self.known.numbers[place], self.search.probability(place), self.mean(places)
+        if closure(self.known, self.others, mean, self.names[1], self.mean(places - {place})).closed_interval[0] <= 0:
+            return "it does not improve predictions of held-out recordings"
+        if probability <= CAL.present:
+            members = self.search.alike(places, place)
+            alike = listed([self.effect(one) for one in members])
+            one_of = f"{self.search.probability(place, *members):.2f}"
+            beside = f"; {alike} would explain the recordings equally well, one of them with probability {one_of}"
+            return f"its probability is {probability:.2f}, not more than one half{beside if members else ''}"
+        if not one.low < mean[place] < one.high:
+            return "it is at its bound: a symptom of another cause, not an estimate"
+        return ""
+
+    def ranking(self) -> tuple[Ranked, ...]:
+        """Changes that two columns show, those that are applied, then others that were tried."""
+        result = [self._ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
+                  for place, by in self.direct.items()]  # fmt: skip
+        first = sorted(self.places, key=lambda place: -self.search.change(self.places, place).total)
+        for place in (*first, *(place for place in self.search.tried if place not in first)):
+            places, why = self._set_of(place), self.doubted.get(place, (NONE, ""))[1]
+            one = self.search.change(places, place)
+            if one.beyond > CAL.reach_sd:
+                why = "it is implausibly large: a symptom of another cause, not an estimate"
+            sd = float(np.hypot(one.shift[1], self.known.scatter[place]))
+            mates = self.alike(places, place) if place in self.places or place in self.doubted else ()
+            p = self.search.probability(place)
+            result.append(self._ranked(place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why))
+        return tuple(result)
+
+    def _ranked(self, place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
+        """An effect with its magnitude."""
+        number, name = self.known.numbers[place], self.effect(place)
+        at = np.clip(self.known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
+        low, size, high = (number.value(each) for each in at)
+        unit = self.possible[name].parameter.unit
+        return Ranked(name, float(probability), size, unit, (low, high), gain=gain, **more)
+
+    def by_chance(self) -> float:
+        """How often an unchanged vehicle would show as much, at most: the mean of a ratio of evidences is one."""
+        n = len(self.known.varying)
+        each = (log(comb(n, len(places))) - self.search.total(places) for places in self.search.sets if places)
+        return min([1.0, *(exp(min(one, 0.0)) for one in each), *(1.0 - by.probability for by in self.direct.values())])
+
+    def left_over(self, mean: Array) -> float:
+        """How much larger errors are than before: explained within scatter, or by what changed without any scatter."""
+        base = self.search.sets[NONE].explained
+        apart = mean_square(self.known, self.others, mean) / mean_square(self.known, self.since, self.known.x)
+        return max(loudness(self.known, self.rides, base), sqrt(apart))
+
+    def answer(self, model: MotionModel, held_out: bool, doubts: tuple[str, ...]) -> Gap:
+        """The gap to the vehicle as it was before."""
+        known, mean = self.known, self.mean(self.places)
+        chosen, judged = (closure(known, some, mean, names)
+                          for some, names in zip((self.rides, self.others), self.names, strict=True))  # fmt: skip
+        loud = self.left_over(mean)
+        odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
+        unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
+        channels = channels_of(known, self.rides)
+        ranking = self.ranking()
+        applied = {place: self.effect(place) for place in (*self.direct, *self.places)}
+        order = [one.effect for one in ranking if one.effect in applied.values()]
+        applied = dict(sorted(applied.items(), key=lambda item: order.index(item[1])))
+        shows = bool(applied) or unknown > 0.5
+        return Gap(
+            model=model.name,
+            recordings=self.names[0],
+            doubts=doubts,
+            gap_detected=shows,
+            p_value=min(self.by_chance(), 1.0 - unknown) if shows else self.by_chance(),
+            unknown_probability=unknown,
+            unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
+            where=Where(channel=max(channels, key=lambda name: channels[name]) if shows else "", channels=channels),
+            ranking=ranking,
+            applied=tuple(applied.values()),
+            gap=chosen,
+            held_out=judged if held_out else None,
+            not_excited={},
+            absorbed=(),
+            advice=(),
+            closed=_model_at(model, self.possible, known, mean),
+            classes=self.classes,
+            budget=budget_of(known, self.others, mean, applied, self.names[1], held_out),
+        )
+
+
+def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
+    """The model with the vehicle's numbers at coordinates x."""
+    values = values_of(known.numbers, x)
+    result = model
+    for name, effect in effects.items():
+        value, null = within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
+        if name in result.effects:
+            result = result.with_parameters(result[effect.parameter.name].with_value(value))
+        elif abs(value - null) > 1e-9:
+            result = result + effect.at(value)
+    return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
+
+
+def within(effect: Effect, value: float) -> float:
+    """A magnitude within an effect's bounds: a delay between clocks may be negative, that of a model may not."""
+    low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
+    return min(max(value, low), high)
