@@ -57,6 +57,8 @@ _NAMES = {
     "first_strictly": "single effect: first choice right by name",
     "among_three": "single effect: among the first three",
     "doubles": "two effects: both among the first three",
+    "double_first": "two effects: first choice right",
+    "double_right": "two effects: share in which both and no other are applied",
     "causes": "present effects: share applied, or replaced by one that cannot be distinguished",
     "everything": "share of cases with all present effects applied and no other",
     "extra": "absent effects applied, per case",
@@ -109,7 +111,7 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
 }  # fmt: skip
 """Bars by tier; `beside` counts singles and pairs; first choices are evaluated for effects above the scatter between
 recordings, if that is known."""
-_CHANGES = ("right", "silent", "above", "changed_first", "changed_off")
+_CHANGES = ("right", "silent", "above", "changed_first", "changed_off", "double_first", "double_right")
 """Measures for the question of what changed; not used for the question about one recording."""
 _ALONE = ("clean", "workshop", "foreign", "many", "rough")
 
@@ -170,6 +172,8 @@ def measures(exam_findings: Sequence[ExamFinding], tier: Tier) -> tuple[Measure,
         "first_strictly": _share(item.first_strictly for item in above),
         "among_three": _share(item.among_three for item in above),
         "doubles": _share(item.among_three for item in kinds["double"]),
+        "double_first": _share(item.first and bool(item.applied) for item in kinds["double"]),
+        "double_right": _share(item.right for item in kinds["double"]),
         "causes": _share(causes),
         "everything": _share(item.right for item in library),
         "extra": _mean([float(len(item.beside)) for item in library]),

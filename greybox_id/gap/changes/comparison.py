@@ -24,7 +24,7 @@ from .search import NONE, ChangeSearch, Places
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ChangeComparison:
     """Recordings from after, compared with the vehicle as it was before.
 
     Attributes

@@ -29,7 +29,7 @@ from ..estimation.calibration import CAL
 from ..gap import Gap
 from .between_runs import Common, values_of
 from .columns import ByColumns, steering_changes
-from .comparison import Comparison, within
+from .comparison import ChangeComparison, within
 from .innovations import FollowedRun, Follower
 from .search import ChangeSearch
 from .sensitivity import Visible, visible
@@ -151,7 +151,7 @@ def diagnose_change(
         search = ChangeSearch(replace(known, x=moved), rides, others, halves, (*nameless, *shown), cost)
         elsewhere = () if driven else (driven_elsewhere([*rides, *others], unchanged),)
     names = tuple(one.name for one in after), tuple(one.name for one in held_out or after)
-    compared = Comparison(possible, known, rides, others or rides, names, unchanged, direct, search)
+    compared = ChangeComparison(possible, known, rides, others or rides, names, unchanged, direct, search)
     gap = compared.answer(model, bool(held_out), (*doubts([*after, *since]), *elsewhere))
     before, scatter = _before(vehicle, possible, known)
     applied = [k for k, one in enumerate(known.numbers) if compared.effects.get(one.name) in gap.applied]

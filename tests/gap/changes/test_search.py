@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.gap.changes.between_runs import Common, Curve, VaryingNumber
+from greybox_id.gap.changes.between_runs import Common, VaryingNumber
 from greybox_id.gap.changes.search import NONE, Change, ChangeSearch
 from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.descent import Curve
 
 NAMES = ("grip", "arm", "offset", "delay")
 SCATTER, WIDTH = 0.1, 1.0
