@@ -150,10 +150,15 @@ class ChangeComparison:
         return min([1.0, *(exp(min(one, 0.0)) for one in each), *(1.0 - by.probability for by in self.direct.values())])
 
     def left_over(self, mean: Array) -> float:
-        """How much larger errors are than before: explained within scatter, or by what changed without any scatter."""
-        base = self.search.sets[NONE].explained
+        """How much larger errors are than before: explained within scatter, or by what changed and no scatter at all.
+
+        For the latter, two recordings from before must show how much larger they are between runs.
+        """
+        base = loudness(self.known, self.rides, self.search.sets[NONE].explained)
+        if len(self.since) < 2:
+            return base
         apart = mean_square(self.known, self.others, mean) / mean_square(self.known, self.since, self.known.x)
-        return max(loudness(self.known, self.rides, base), sqrt(apart))
+        return max(base, sqrt(apart))
 
     def answer(self, model: MotionModel, held_out: bool, doubts: tuple[str, ...]) -> Gap:
         """The gap to the vehicle as it was before."""

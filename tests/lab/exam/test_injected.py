@@ -116,7 +116,7 @@ def test_numbers_of_a_diagnosis_were_chosen_on_no_recording_that_is_diagnosed():
 def test_pairs_that_numbers_were_chosen_on_are_no_cases_of_known_changes():
     told = [(frozenset(own.before), own.after, own.held_out) for own in changed.DEVELOPMENT.values()]
     assert not {(frozenset(case.before), case.after, case.held_out) for case in changed.CASES.values()} & set(told)
-    assert not any(own.grip or own.fault for own in changed.DEVELOPMENT.values())
+    assert not any(own.grip or own.faults for own in changed.DEVELOPMENT.values())
     for case in changed.CASES.values():
         if case.grip:  # no change was ever seen
             before, after = ({part.partition("/")[0] for part in parts if part}
