@@ -184,23 +184,25 @@ def common(
         value[:n, :n] += np.diag(1.0 / sd**2)
         return value
 
-    def squares(u: Array, covariance: Array) -> Array:
-        """(varying,) expected sums of squared deviations."""
-        spread = np.diag(beyond_vehicle @ covariance @ beyond_vehicle.T)
-        return np.asarray(np.sum(((beyond_vehicle @ u) ** 2 + spread).reshape(runs, m), axis=0))
+    def squares(of: Array, u: Array, covariance: Array) -> Array:
+        """(varying,) expected sums of squares of linear functions of the unknowns."""
+        spread = np.diag(of @ covariance @ of.T)
+        return np.asarray(np.sum(((of @ u) ** 2 + spread).reshape(runs, m), axis=0), dtype=float)
 
+    about_mean = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
+    factor = 1.0
     for _ in range(CAL.rounds_of_scatter):
         before, P = scatter, precision(scatter)
         u, last = _most_probable(weigher, rides, places, u, (middle, P), (low, high), settled=settled)
         informed = last.H - P  # of the recordings alone, to second order
         pull = informed @ u - last.g + P @ (u - middle)
         for _ in range(CAL.steps_of_scatter):
-            covariance = np.linalg.inv(informed + precision(scatter))
-            at = covariance @ (pull + precision(scatter) @ middle)
-            now = _scatter(prior, runs_of, scatter, squares(at, np.asarray(covariance, dtype=float)), runs)
-            settled_now = np.all(np.abs(now - scatter) < CAL.settled_scatter**2 * scatter)
-            scatter = now
-            if settled_now:
+            P, then = precision(scatter), scatter
+            covariance = np.asarray(np.linalg.inv(informed + P), dtype=float)
+            at = covariance @ (pull + P @ middle)
+            beyond, apart = (squares(of, at, covariance) for of in (beyond_vehicle, about_mean))
+            factor, scatter = _scatter(prior, runs_of, factor, (beyond, apart), runs)
+            if np.all(np.abs(scatter - then) < CAL.settled_scatter**2 * then):
                 break
         if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
             break
@@ -212,20 +214,30 @@ def common(
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
 
-def _scatter(prior: Array, prior_runs: Array, scatter: Array, squares: Array, runs: int) -> Array:
-    """Standard deviations between runs, shrunk towards usual ones times a factor that is the vehicle's.
+def _scatter(
+    prior: Array, prior_runs: Array, factor: float, squares: tuple[Array, Array], runs: int
+) -> tuple[float, Array]:
+    """Squared factor that is the vehicle's, and standard deviations between runs, shrunk towards usual ones times it.
 
     Each square has a scaled inverse chi-squared prior about the usual one (Smyth, Stat. Appl. Genet. Mol. Biol. 3,
     2004), times a factor that all numbers of a vehicle share, with a gamma prior about one: if runs agree in every
     number, this says more than each number by itself.
+
+    Parameters
+    ----------
+    prior, prior_runs : usual standard deviations, and numbers of runs that these count as; infinite: not estimated.
+    factor : squared, from the last step.
+    squares : expected sums of squared deviations from the vehicle, and from the mean of the runs.
+    runs : their number.
     """
     learned = np.isfinite(prior_runs)
     if not np.any(learned):
-        return prior
+        return factor, prior
     counted = np.where(learned, prior_runs, 0.0)
-    several = float(np.max(counted))
-    factor = (np.sum(counted) + several) / (np.sum(counted * (prior / scatter) ** 2) + several)
-    return np.asarray(np.where(learned, np.sqrt((counted * factor * prior**2 + squares) / (counted + runs)), prior))
+    usual, several = counted * prior**2, float(np.max(counted))
+    apart = np.sum(usual * (counted + runs - 1) / (usual * factor + squares[1]), where=learned)
+    factor = (float(np.sum(counted)) + several) / (float(apart) + several)
+    return factor, np.where(learned, np.sqrt((usual * factor + squares[0]) / (counted + runs)), prior)
 
 
 def change_sds(information: Array, prior: Array) -> Array:
