@@ -260,13 +260,12 @@ def schedule(
 
     count = len(shifts)
     first_shift = 1 + 2 * run.inputs.shape[1]
-    segments = np.empty((len(kind), first_shift + 3 * count))
+    segments = np.zeros((len(kind), first_shift + 3 * count))
     length_by, sign, guess = np.split(segments[:, first_shift:], 3, axis=1)  # views
-    segments[:-1, 0], segments[-1, 0] = np.diff(instant), 0.0
-    sign[:] = 0.0
-    for k in cuts:
-        sign[kind == k, k] = 1.0 if k < delays else -1.0
-    length_by[:-1], length_by[-1], guess[:] = np.diff(sign, axis=0), 0.0, shifts
+    segments[:-1, 0] = np.diff(instant)
+    for k in cuts:  # the others are zero
+        of_shift = np.where(kind == k, 1.0 if k < delays else -1.0, 0.0)
+        sign[:, k], length_by[:-1, k], guess[:, k] = of_shift, np.diff(of_shift), shifts[k]
     _commands(trace, run, instant, kind, row, shifts, cuts, segments[:, 1:])
 
     places = np.arange(len(kind))
@@ -311,15 +310,18 @@ def _commands(
     steps, inputs = np.append(np.diff(run.time), 1.0), run.inputs.shape[1]
     sources = [trace.delayed.index(name) if name in trace.delayed else -1 for name in trace.model.inputs]
     sources = [source if source in cuts else -1 for source in sources]
-    for source in dict.fromkeys(sources):  # inputs that are delayed alike have the same rows
-        alike = np.flatnonzero(np.array(sources) == source)
+    for source in (-1, *sorted({*sources} - {-1})):  # inputs that are delayed alike have the same rows
+        alike = [k for k, item in enumerate(sources) if item == source]
         shift = shifts[source] if source >= 0 else 0.0
         before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # last command to arrive by the start
         arrived = np.maximum.accumulate(np.where(kind == source, row, before))
         row_of_command = np.maximum(arrived, 0)
-        to[:, alike], to[:, inputs + alike] = run.inputs[row_of_command[:, None], alike], 0.0
+        if source < 0:  # whole rows are copied faster, and those of delayed inputs are overwritten
+            to[:, :inputs] = run.inputs.take(row_of_command, axis=0)
+        for k in alike if source >= 0 else ():
+            to[:, k] = run.inputs[row_of_command, k]
         since = instant - shift - run.time[row_of_command]
-        for k in alike[~run.held[alike]]:
+        for k in (k for k in alike if not run.held[k]):
             slope = np.append(np.diff(run.inputs[:, k]), 0.0) / steps
             to[:, inputs + k] = np.where(arrived >= 0, slope[row_of_command], 0.0)
             to[:, k] += to[:, inputs + k] * since

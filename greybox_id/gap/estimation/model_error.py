@@ -28,6 +28,7 @@ from ...models.vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CAL
 from .descent import Curve, descended
+from .error_kernel import innovations, likelihood
 from .unknown_forces import FORCES, SCALES
 
 
@@ -292,8 +293,6 @@ class ModelError:
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where no reading counts."""
-        from .error_filter import innovations  # imported here: it loads Numba
-
         about, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
         one = np.zeros((n * channels, more))
         innovations(
@@ -457,13 +456,9 @@ def _filtered(
     about: Linearised, lanes: Sequence[Amplitudes], forces: Processes, r: Array, gain: Array, size: Array,
     fisher: Array | None = None,
 ) -> Array:  # fmt: skip
-    from .error_filter import likelihood  # imported here: it loads Numba
-
     colour, slow = _slow(about, lanes)
     white = np.ascontiguousarray(np.array([lane.noise for lane in lanes]).T ** 2)
-    nll: Array = likelihood(
+    return likelihood(
         about.transition, about.output, forces.sd, forces.correlation, colour, slow, white, about.start, about.first,
-        about.pointer, about.channel, r, gain, size,
-        np.empty((0, 0)) if fisher is None else fisher,
+        about.pointer, about.channel, r, gain, size, np.empty((0, 0)) if fisher is None else fisher,
     )  # fmt: skip
-    return nll

@@ -6,6 +6,7 @@ from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
+from greybox_id.gap.estimation import error_kernel
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.model_error import (
     Amplitudes,
@@ -168,6 +169,22 @@ def test_information_is_the_mean_curvature_of_the_likelihood(bench, about):
         each = negative_log_likelihood(kept, here, r).reshape(4, 2)
         curvature += (np.sum(each, axis=1) - 2 * nll[0]) / step**2
     np.testing.assert_allclose(np.diag(fisher)[1:] / step**2, curvature, rtol=0.25)
+
+
+def test_c_and_numba_give_the_same_numbers(bench, about, monkeypatch):
+    kept, values = tuned_on(about, bench.counted), np.random.default_rng(5).normal(size=(*bench.measured.shape, 13))
+    lanes = [amplitudes(), *(amplitudes(memory_y=0.1 * k) for k in range(1, 11))]
+
+    def numbers():
+        fisher = np.zeros((len(lanes), len(lanes)))
+        nll = negative_log_likelihood(kept, lanes, values[kept.row, kept.channel, 0].copy(), fisher=fisher)
+        filter_ = model_error(about, lanes[0], bench.counted)
+        return nll, fisher, filter_.gain, filter_.size, filter_.white(values)
+
+    in_c = numbers()
+    monkeypatch.setattr(error_kernel, "_library", lambda: None)
+    for one, other in zip(in_c, numbers(), strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.max(np.abs(other)))
 
 
 def test_where_every_number_is_exact_less_model_error_is_believed():
