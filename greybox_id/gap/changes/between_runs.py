@@ -166,6 +166,7 @@ def common(
     m = len(varying)
     prior = np.array([usual[numbers[k].name] for k in varying])
     scatter, runs_of = prior.copy(), np.array([prior_runs[numbers[k].name] for k in varying])
+    learned = np.isfinite(runs_of)
     mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
     u = middle = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
@@ -189,24 +190,33 @@ def common(
         spread = np.diag(of @ covariance @ of.T)
         return np.asarray(np.sum(((of @ u) ** 2 + spread).reshape(runs, m), axis=0), dtype=float)
 
-    about_mean = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
+    def common_factor(factor: float, informed: Array, pull: Array) -> float:
+        """The vehicle's factor, by differences between runs alone; they are linear in what recordings inform."""
+        about_mean = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
+        scatter = np.where(learned, np.sqrt(factor) * prior, prior)
+        for _ in range(CAL.steps_of_scatter):
+            P, before = precision(scatter), scatter
+            covariance = np.asarray(np.linalg.inv(informed + P), dtype=float)
+            factor, scatter = _shrunk(
+                prior, runs_of, factor, squares(about_mean, covariance @ (pull + P @ middle), covariance), runs
+            )
+            if np.all(np.abs(scatter - before) < CAL.settled_scatter**2 * before):
+                break
+        return factor
+
     factor = 1.0
     for _ in range(CAL.rounds_of_scatter):
-        before, P = scatter, precision(scatter)
+        P, before = precision(scatter), scatter
         u, last = _most_probable(weigher, rides, places, u, (middle, P), (low, high), settled=settled)
-        informed = last.H - P  # of the recordings alone, to second order
-        pull = informed @ u - last.g + P @ (u - middle)
-        for _ in range(CAL.steps_of_scatter):
-            P, then = precision(scatter), scatter
-            covariance = np.asarray(np.linalg.inv(informed + P), dtype=float)
-            at = covariance @ (pull + P @ middle)
-            beyond, apart = (squares(of, at, covariance) for of in (beyond_vehicle, about_mean))
-            factor, scatter = _scatter(prior, runs_of, factor, (beyond, apart), runs)
-            if np.all(np.abs(scatter - then) < CAL.settled_scatter**2 * then):
-                break
+        everything = np.asarray(np.linalg.inv(last.H), dtype=float)
+        if runs > 1 and np.any(learned):
+            informed = last.H - P  # by the recordings, to second order
+            factor = common_factor(factor, informed, informed @ u - last.g + P @ (u - middle))
+        counted = np.where(learned, runs_of, 1.0)
+        usual_squares = counted * factor * prior**2 + squares(beyond_vehicle, u, everything)
+        scatter = np.where(learned, np.sqrt(usual_squares / (counted + runs)), prior)
         if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
             break
-    everything = np.asarray(np.linalg.inv(last.H), dtype=float)
     full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
     full[varying] = scatter
     deviations[:, varying] = (beyond_vehicle @ u).reshape(runs, m)
@@ -214,9 +224,7 @@ def common(
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
 
-def _scatter(
-    prior: Array, prior_runs: Array, factor: float, squares: tuple[Array, Array], runs: int
-) -> tuple[float, Array]:
+def _shrunk(prior: Array, prior_runs: Array, factor: float, squares: Array, runs: int) -> tuple[float, Array]:
     """Squared factor that is the vehicle's, and standard deviations between runs, shrunk towards usual ones times it.
 
     Each square has a scaled inverse chi-squared prior about the usual one (Smyth, Stat. Appl. Genet. Mol. Biol. 3,
@@ -227,17 +235,15 @@ def _scatter(
     ----------
     prior, prior_runs : usual standard deviations, and numbers of runs that these count as; infinite: not estimated.
     factor : squared, from the last step.
-    squares : expected sums of squared deviations from the vehicle, and from the mean of the runs.
+    squares : expected sums of squared deviations from the mean of the runs.
     runs : their number.
     """
     learned = np.isfinite(prior_runs)
-    if not np.any(learned):
-        return factor, prior
-    counted = np.where(learned, prior_runs, 0.0)
-    usual, several = counted * prior**2, float(np.max(counted))
-    apart = np.sum(usual * (counted + runs - 1) / (usual * factor + squares[1]), where=learned)
-    factor = (float(np.sum(counted)) + several) / (float(apart) + several)
-    return factor, np.where(learned, np.sqrt((usual * factor + squares[0]) / (counted + runs)), prior)
+    counted = np.where(learned, prior_runs, 1.0)
+    usual, several = counted * prior**2, float(np.max(counted[learned]))
+    each = usual * (counted + runs - 1) / (usual * factor + squares)
+    factor = (float(np.sum(counted[learned])) + several) / (float(np.sum(each[learned])) + several)
+    return factor, np.where(learned, np.sqrt((usual * factor + squares) / (counted + runs - 1)), prior)
 
 
 def change_sds(information: Array, prior: Array) -> Array:
