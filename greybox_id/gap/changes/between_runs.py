@@ -20,6 +20,9 @@ from ..estimation.calibration import CAL
 from ..estimation.descent import Curve, descended
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
 
+FLAT = 1e-6
+"""Prior precision, relative, that says next to nothing and keeps matrices regular in double precision."""
+
 
 @dataclass(frozen=True)
 class VaryingNumber:
@@ -179,10 +182,14 @@ def common(
     low, high = np.array([[number.low, number.high] for number in numbers]).T
     low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
 
-    def precision(scatter: Array) -> Array:
+    def precision(scatter: Array, free: Index | None = None) -> Array:
+        """Prior precision of the unknowns; the vehicle's numbers at places `free` may be anything."""
         firm = np.tile(scatter**-2.0, runs)  # precisions of runs about their vehicle
         value = np.asarray((beyond_vehicle.T * firm) @ beyond_vehicle, dtype=float)
-        value[:n, :n] += np.diag(1.0 / sd**2)
+        known = 1.0 / sd**2
+        if free is not None:
+            known[free] *= FLAT
+        value[:n, :n] += np.diag(known)
         return value
 
     def squares(of: Array, u: Array, covariance: Array) -> Array:
@@ -190,19 +197,22 @@ def common(
         spread = np.diag(of @ covariance @ of.T)
         return np.asarray(np.sum(((of @ u) ** 2 + spread).reshape(runs, m), axis=0), dtype=float)
 
-    def common_factor(factor: float, informed: Array, pull: Array) -> float:
-        """The vehicle's factor, by differences between runs alone; they are linear in what recordings inform."""
-        about_mean = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
-        scatter = np.where(learned, np.sqrt(factor) * prior, prior)
+    def common_factor(informed: Array, pull: Array) -> float:
+        """The vehicle's factor, squared: by differences between runs alone, which are linear in what recordings inform.
+
+        It is one where these do not distinguish it from that.
+        """
+        apart = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
+        factor, scatter, evidence = 1.0, prior, list[float]()
         for _ in range(CAL.steps_of_scatter):
-            P, before = precision(scatter), scatter
-            covariance = np.asarray(np.linalg.inv(informed + P), dtype=float)
-            factor, scatter = _shrunk(
-                prior, runs_of, factor, squares(about_mean, covariance @ (pull + P @ middle), covariance), runs
-            )
+            P, before = precision(scatter, varying), scatter
+            covariance, r = np.asarray(np.linalg.inv(informed + P), dtype=float), pull + P @ middle
+            evidence.append(0.5 * float(r @ covariance @ r - middle @ P @ middle))
+            evidence[-1] -= 0.5 * float(np.linalg.slogdet(informed + P)[1]) - 0.5 * float(np.linalg.slogdet(P)[1])
+            factor, scatter = _shrunk(prior, runs_of, factor, squares(apart, covariance @ r, covariance), runs)
             if np.all(np.abs(scatter - before) < CAL.settled_scatter**2 * before):
                 break
-        return factor
+        return factor if evidence[-1] - evidence[0] > CAL.alike else 1.0
 
     factor = 1.0
     for _ in range(CAL.rounds_of_scatter):
@@ -211,7 +221,7 @@ def common(
         everything = np.asarray(np.linalg.inv(last.H), dtype=float)
         if runs > 1 and np.any(learned):
             informed = last.H - P  # by the recordings, to second order
-            factor = common_factor(factor, informed, informed @ u - last.g + P @ (u - middle))
+            factor = common_factor(informed, informed @ u - last.g + P @ (u - middle))
         counted = np.where(learned, runs_of, 1.0)
         usual_squares = counted * factor * prior**2 + squares(beyond_vehicle, u, everything)
         scatter = np.where(learned, np.sqrt(usual_squares / (counted + runs)), prior)
