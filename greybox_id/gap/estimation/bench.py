@@ -298,8 +298,9 @@ class Bench:
                 Y[np.ix_(lanes_held, np.arange(Y.shape[1]), np.arange(Y.shape[2]), at)] = 0.0
             G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
             lanes, reads, outputs, _ = Y.shape
-            J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
-            J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
+            by_rows = Y.reshape(lanes, reads * outputs, -1)  # parts of it are views
+            J = by_rows[:, :, :size] @ G
+            J[:, :, : len(chosen)] += by_rows[:, :, size:]
         J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
         with np.errstate(all="ignore"):
             within = abs(np.sum(J)) < CAL.far

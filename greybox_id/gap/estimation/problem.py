@@ -133,6 +133,7 @@ class JointProblem:
         self.simulations = 0
         self._probes = dict[int, tuple[int, int]]()
         self._slopes = dict[int, Array]()
+        self._room = np.empty(0)  # memory for columns until they are whitened, reused by each linearisation
         self.set_error_scale(1.0)
 
     # ---- priors
@@ -219,11 +220,9 @@ class JointProblem:
             *(_Difference(_with(p, axis, axis.value(axis.mean + axis.sd)), None, axis.sd) for axis in self.shifts),
             *(self._probe(p, *start) for start in starts),
         ])  # fmt: skip
-        by_mains, by_seconds, by_starts = self._derivatives(p, [axis for _, _, axis in seconds])
+        every, by_starts = self._columns(e, p, [axis for _, _, axis in seconds], slopes[len(ons) :])
         for k, slope in [*zip(ons, slopes, strict=False), *((k, self._slopes[k]) for k in kept)]:
-            by_mains[:, :, nt + k] = slope
-        others = np.moveaxis(slopes[len(ons) :], 0, 2)  # jumps, shifts and probes
-        every = np.concatenate([e[:, :, None], by_mains, by_seconds, by_starts, others], axis=2)
+            every[:, :, 1 + nt + k] = slope
         white = whitener.white(_limited(every)).reshape(-1, every.shape[2])
         count, at_mains = every.shape[2] - len(starts), 1 + nt
         if starts:
@@ -236,21 +235,39 @@ class JointProblem:
                 white[:, at_mains + k], self._slopes[k] = column, slope.copy()
         for k in ons:
             self._slopes.pop(k, None)
-        return state, self._linear(state, white[:, :count], seconds, whitener, by_starts.shape[2], len(jumps))
+        return state, self._linear(state, white[:, :count], seconds, whitener, by_starts, len(jumps))
 
-    def _derivatives(self, p: Array, seconds: Sequence[Axis]) -> tuple[Array, Array, Array]:
-        """Of residuals by tolerances and magnitudes, by second parameters, and by the starts of runs.
+    def _columns(self, e: Array, p: Array, seconds: Sequence[Axis], others: Array) -> tuple[Array, int]:
+        """Residuals and their derivatives by tolerances, magnitudes, second parameters, the starts of runs; others.
 
-        Columns of magnitudes that the bench does not differentiate by are zero.
+        Parameters
+        ----------
+        e : (N, channels) residuals.
+        p : parameters.
+        seconds : axes of second parameters.
+        others : (K, N, channels) further columns.
+
+        Returns
+        -------
+        (N, channels, columns), those of magnitudes zero that the bench does not differentiate by; the number of starts.
         """
-        nt, smooth = len(self.tolerances), np.flatnonzero(self.smooth)
+        nt, smooth, E = len(self.tolerances), np.flatnonzero(self.smooth), len(self.causes)
         axes = [*self.tolerances, *(self.causes[k].main for k in smooth), *seconds]
         _, J, S = self.bench.linearise(p, [axis.index for axis in axes])
-        mixed = np.zeros((nt + len(smooth), nt + len(self.causes)))
+        rest = nt + len(smooth)
+        edges = np.cumsum([1, nt + E, len(seconds), S.shape[2], len(others)])
+        if len(self._room) < e.size * edges[-1]:
+            self._room = np.empty(e.size * edges[-1])
+        every, by_axes = self._room[: e.size * edges[-1]].reshape(e.size, edges[-1]), J.reshape(e.size, len(axes))
+        mixed = np.zeros((rest, nt + E))
         mixed[:nt, :nt] = self.mix * _by_coordinates(p, self.tolerances)[:, None]
         mixed[nt + np.arange(len(smooth)), nt + smooth] = 1.0
-        by_mains = np.tensordot(J[:, :, : len(mixed)], mixed, axes=1)
-        return by_mains, J[:, :, len(mixed) :] * _by_coordinates(p, seconds), S
+        every[:, 0] = e.ravel()
+        np.matmul(by_axes[:, :rest], mixed, out=every[:, 1 : edges[1]])
+        np.multiply(by_axes[:, rest:], _by_coordinates(p, seconds), out=every[:, edges[1] : edges[2]])
+        every[:, edges[2] : edges[3]] = S.reshape(e.size, S.shape[2])
+        every[:, edges[3] :] = others.reshape(len(others), e.size).T
+        return every.reshape(*e.shape, edges[-1]), S.shape[2]
 
     def _differences(self, p: Array, requested: Sequence[_Difference]) -> tuple[Array, Array]:
         """(N, channels) residuals at p, and (K, N, channels) difference quotients; those that diverge are zero."""
