@@ -22,6 +22,7 @@ from .advice import advice, limits, not_excited, unread
 from .budget import closes, shared_out, weak
 from .closed_model import closed_model, moved, place_of
 from .closing import left_open, on_held_out
+from .courses import courses
 from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis
@@ -141,6 +142,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         budget=shared,
         unnamed=examined.unnamed,
         resembles=like,
+        courses=courses(examined, best, like, held_out),
         moved=moved(examined, best, closed),
         tried={item.candidate.effect: item.gain for item in selection.expected_gains},
         held=_held(examined),

@@ -11,6 +11,7 @@ from ..engine.simulation import Diagnosed
 from ..fitting.scores.horizons import Errors
 from .estimation.calibration import CAL
 from .estimation.strip import Strip
+from .estimation.varying import MagnitudeCourse
 from .estimation.wandering import Wander
 
 CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
@@ -307,6 +308,7 @@ class Gap:
     budget : shares of the excess error; None where no effect was found.
     unnamed : remaining model error; None for models without unknown forces.
     resembles : effects whose magnitudes, if they varied all the time, would produce the unknown part, likeliest first.
+    courses : of the first of these, along the path or over time, if free runs with it surely err less.
     moved : tolerances that differ in the closed model by more than one sd from their stated values, furthest first.
     held : how simulations were kept near readings, in a sentence, where free runs of every explanation spin; "" else.
     tried : effect -> log-likelihood that it was expected to gain by itself, most first; more than `ranking`, which has
@@ -335,6 +337,7 @@ class Gap:
     budget: Budget | None = None
     unnamed: Unnamed | None = None
     resembles: tuple[Wander, ...] = ()
+    courses: tuple[MagnitudeCourse, ...] = ()
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
     held: str = ""

@@ -6,6 +6,8 @@ import numpy as np
 
 from greybox_id.fitting.scores.horizons import Errors
 from greybox_id.gap.estimation.strip import Strip
+from greybox_id.gap.estimation.varying import MagnitudeCourse
+from greybox_id.gap.estimation.wandering import Wander
 from greybox_id.gap.gap import Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 UNITS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "a_x": "m/s^2", "a_y": "m/s^2"}
@@ -186,7 +188,30 @@ def unknown():
         gap=closure(closed=0.21, interval=(0.02, 0.38)),
         held_out=closure(("lap8", "lap9"), -0.12, (-0.3, 0.04)),
         strip=strip(strength=6.0, after=5.0),
+        resembles=(Wander("road_bank", "rad", 0.012, 3.1, 40.0),),
+        courses=(course("time"),),
     )
+
+
+def varying():
+    """A bank along the path beside an effect, verified on another drive."""
+    return clear(
+        unknown_probability=0.97,
+        unknown="the unexplained error is largest in a_y; like road_bank that varies by ± 0.012 rad within 3.1 s",
+        resembles=(Wander("road_bank", "rad", 0.012, 3.1, 400.0),),
+        courses=(course("path"),),
+    )
+
+
+def course(along):
+    """A bank of 12 mrad around a loop, or over a minute."""
+    angle = np.linspace(0.0, 2 * np.pi, 30, endpoint=False)
+    x, y, yaw = (80 * np.cos(angle), 50 * np.sin(angle), angle) if along == "path" else (np.empty(0),) * 3
+    value = 0.012 * np.sin(2 * angle)
+    at = angle * (65.0 if along == "path" else 10.0)
+    on, sds = ("lap8",) if along == "path" else ("lap7",), np.full(30, 0.004)
+    return MagnitudeCourse("road_bank", "rad", along, 0.012, 55.0, at, x, y, yaw, value, sds, 0.61, (0.44, 0.73), on,
+                           along == "path")  # fmt: skip
 
 
 def long_names():
@@ -217,4 +242,4 @@ def without_v_y():
     return clear(gap=here, held_out=None, strip=strip(fewer, path=False), recordings=("lap7", "lap8"))
 
 
-CASES = {f.__name__: f for f in (clear, aliased, none, unknown, long_names, without_v_y)}
+CASES = {f.__name__: f for f in (clear, aliased, none, unknown, long_names, without_v_y, varying)}

@@ -146,6 +146,8 @@ class Calibration:
     wander_memories: tuple[float, ...] = _known((0.7, 3.0, 12.0), "s, correlation time: the same, from a bend to a lap")
     wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such an sd: up to where the next is")
     wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
+    knots_apart: float = _known(0.25, "distance between knots of a course, over the reach of its magnitude", DEFINED)
+    most_knots: int = _known(120, "most knots of a course: then they are farther apart", SEARCHED)
     present: float = _known(0.5, "probability from which on an effect is called present", DEFINED)
     by_chance: float = _known(0.1, "share of effects that are not there among those that are significant", DEFINED)
     least_share: float = _known(0.02, "least share of the held-out excess that a cause closes", DEFINED)

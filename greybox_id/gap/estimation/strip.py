@@ -65,7 +65,7 @@ def strip(
     first, then = (np.sum((item / sd) ** 2, axis=1) / channels for item in (before, after))
     parts = [slice(*ends) for ends in blocks(bench, CAL.strip_block)]
     time = running(bench.time)
-    x, y = _recorded(bench, recordings) or _path(bench, seen)
+    x, y = recorded_path(bench, recordings) or _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
     longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
     window = min(256, longest.stop - longest.start)
@@ -96,7 +96,7 @@ def _middles(values: Array, parts: Sequence[slice]) -> Array:
     return np.array([float(np.mean(one)) if len(one) else np.nan for one in read])
 
 
-def _recorded(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
+def recorded_path(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
     """The path, if it is recorded for every row."""
     if not recordings or not all({"x", "y"} <= recording.signals.keys() for recording in recordings):
         return None

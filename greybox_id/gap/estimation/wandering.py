@@ -79,12 +79,7 @@ def wandering(
     about = tuned_on(linearised(bench, p, noise, sizes, [axis.index for _, axis in requested]), usable)
     forces = len(sizes.forces)
     r = np.ascontiguousarray(residuals[about.row, about.channel])
-    usual = prior.median
-    quiet = replace(
-        one, floor_y=min(one.floor_y, usual.floor_y), share_y=min(one.share_y, usual.share_y),
-        floor_x=min(one.floor_x, usual.floor_x), share_x=min(one.share_x, usual.share_x), memory_y=usual.memory_y,
-        memory_x=usual.memory_x,
-    )  # fmt: skip
+    quiet = quietened(one, prior.median)
     loud, still = _costs(about, r, prior, [(one, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
     units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in requested]
 
@@ -105,6 +100,15 @@ def wandering(
                 wanders.append((cost, Wander(name, axis.unit, sd, memory, gain)))
     wanders.sort(key=lambda item: item[0])
     return tuple(item for cost, item in wanders if cost < wanders[0][0] + CAL.alike)
+
+
+def quietened(one: Amplitudes, usual: Amplitudes) -> Amplitudes:
+    """Amplitudes with unknown forces no larger than usual."""
+    return replace(
+        one, floor_y=min(one.floor_y, usual.floor_y), share_y=min(one.share_y, usual.share_y),
+        floor_x=min(one.floor_x, usual.floor_x), share_x=min(one.share_x, usual.share_x), memory_y=usual.memory_y,
+        memory_x=usual.memory_x,
+    )  # fmt: skip
 
 
 Lane = tuple[Amplitudes, float, float]

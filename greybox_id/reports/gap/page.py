@@ -44,6 +44,7 @@ from ..figures.sheet import (
     symbol,
 )
 from ..pdf import write_pdf, write_png
+from .course import course_drawing
 from .words import judged, main_words, verdict
 
 BEFORE = look(ORANGE, 1.1, "original model")
@@ -385,6 +386,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
         ),
         _causes(gap),
     ]  # fmt: skip
+    figures += [course_drawing(course) for course in gap.courses]
     if gap.strip is not None:
         stretch = gap.where.time if gap.gap_detected else {}
         figures += [

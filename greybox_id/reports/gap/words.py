@@ -20,6 +20,7 @@ from ...base.numbers import (
 from ...base.statistics import NORMAL
 from ...fitting.scores.verdict import MANY
 from ...gap.estimation.calibration import CAL
+from ...gap.estimation.varying import PATH, MagnitudeCourse
 from ...gap.gap import CauseClass, Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 
@@ -433,8 +434,22 @@ def left(gap: Gap) -> str:
         clauses.append(f"{share} of the excess error is unexplained")
     if gap.unknown:
         clauses.append(gap.unknown.rstrip("."))
+    clauses += [course_words(course) for course in gap.courses]
     probability = probability_words(gap.unknown_probability)
     return "; ".join([*clauses, f"an unmodelled effect is present with probability {probability}"])
+
+
+def course_words(course: MagnitudeCourse) -> str:
+    """What varies, by how much, and what its course closes."""
+    unit, (low, high) = handy(course.unit, course.sd), course.closed_interval
+    size, path = f"{number(unit.factor * course.sd, 2)} {unit.unit}".strip(), course.along == PATH
+    on = the_recordings([*course.recordings], "held-out" if course.held_out else "")
+    return (
+        f"with a course of {course.effect} {'along the path' if path else 'over time'} (± {size} within "
+        f"{number(course.reach, 2)} {'m' if path else 's'}), {whole_percent(course.closed)} % [{whole_percent(low)}, "
+        f"{whole_percent(high)}] of the remaining excess error would close on {on}"
+        + ("" if course.held_out else ", from which it was estimated")
+    )
 
 
 def probability_words(value: float) -> str:
