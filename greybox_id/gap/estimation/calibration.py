@@ -115,7 +115,7 @@ class Calibration:
     part_least: float = _known(1e-4, "share of a magnitude's information, below which a part does not inform it")
     unnamed_share: float = _known(1.8, "model error over its median where something unnamed is as likely as not", DRAWN)
     unnamed_slope: float = _known(4.0, "log-odds per logarithm of that", DRAWN)
-    unnamed_noise: float = _known(1.15, "noise over its stated size, the same; nulls leave at most 1.07", DRAWN)
+    unnamed_noise: float = _known(1.1, "noise over its stated size, the same: nulls leave 1.05, others 1.07", FOREIGN)
     unnamed_noise_slope: float = _known(30.0, "log-odds per logarithm of that", DRAWN)
     strained: float = _known(2.0, "sds of chi-square that tolerances may be off by: 1 in 40", DEFINED)
     unnamed_strain: float = _known(12.0, "strain that is as likely unnamed as not; nulls have 4.5 at most", FOREIGN)
