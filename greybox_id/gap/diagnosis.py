@@ -100,6 +100,9 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     selection, good, sd = examined.selection, examined.good, examined.sd
     scattered = any(present > CAL.present for _, present in examined.scatter.values())
     unknown = 1.0 - (1.0 - unnamed_probability(examined)) * (1.0 - misnamed_probability(examined))
+    like = examined.resembles() if unknown > CAL.suspected else ()
+    if like:  # gains by far more than chance
+        unknown = max(unknown, CAL.nameless)
     detected = bool(examined.best.candidates) or scattered or unknown > CAL.present
     causes, closed, verified = _verified(examined, _budgeted(examined, held_out, tell), detected, held_out, tell)
     best, shared = causes.best, causes.shared
@@ -110,7 +113,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         unknown = max(unknown, CAL.nameless)
     if shared is not None and not shared.shows and any(share.low <= 0 for share in shared.shares):
         shared = None  # shares of next to no gap, where the effects themselves are certain
-    like = examined.resembles() if unknown > CAL.present else ()
+    like = like or (examined.resembles() if unknown > CAL.present else ())
     before = (selection.base.e / sd) ** 2
     excess = np.sum(np.where(good, before - ((best.e / sd) ** 2 if applied else 1), 0.0), axis=1)
     ratio = np.array([np.sqrt(np.mean(before[one, c])) if np.any(one := good[:, c]) else np.nan
@@ -373,7 +376,7 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
             + (f", or {' or '.join(each.effect for each in others)}" if others else "")
         )
     if left is not None:
-        lateral, longitudinal = (100 * v for v in (left.share_y, left.share_x))
+        lateral, longitudinal = (100 * size for size in left.sizes)
         parts.append(
             f"unknown forces of {number(lateral, 2)} % of the lateral and {number(longitudinal, 2)} % of the "
             "longitudinal ones"

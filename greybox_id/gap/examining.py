@@ -222,8 +222,7 @@ def examine(
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
     expected = amplitude_prior(sd, noise_is_stated, not inexact, stated_error)
-    amplitudes = _amplitudes(bench, search, best, sd, good, expected)
-    left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
+    amplitudes, left_over = _left(bench, search, best, sd, good, expected)
     jump = jumps_by_commands(bench, search.vector(best), effects)
     if best.candidates and jitters(bench, selection.base.e, best.e, sd, good, jump):
         best = selection.base
@@ -284,14 +283,16 @@ def _whitener(
     return whiten
 
 
-def _amplitudes(
+def _left(
     bench: FreeRuns, search: Search, best: Hypothesis, sd: Array, good: NDArray[np.bool_], prior: AmplitudePrior
-) -> Amplitudes | None:
-    """Amplitudes of the model error that remains beside a hypothesis."""
+) -> tuple[Amplitudes, Unnamed] | tuple[None, None]:
+    """Model error that remains beside a hypothesis; None for models without unknown forces."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
-        return None
+        return None, None
     near = search.whitener.amplitudes if isinstance(search.whitener, ModelError) else None
-    return estimated(linearised(bench, search.vector(best), sd, ForceSizes(bench)), best.e, good, prior, near)
+    about = linearised(bench, search.vector(best), sd, ForceSizes(bench))
+    amplitudes = estimated(about, best.e, good, prior, near)
+    return amplitudes, unnamed(search, best, amplitudes, prior.median, about)
 
 
 def _alone(selection: Selection, best: Hypothesis) -> float:

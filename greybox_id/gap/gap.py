@@ -203,6 +203,8 @@ class Unnamed:
     worst : the nuisance that is furthest from its mean, and by how many standard deviations.
     noise : channel -> noise over its stated size.
     expected : how many nuisances the recordings determine; NaN in files of earlier versions.
+    sizes : root mean squares of the unknown lateral and longitudinal forces over those of the modelled ones; likewise.
+    over_usual : root mean square of the force that is largest compared with its usual size, over that; likewise.
     """
 
     share_y: float
@@ -215,6 +217,8 @@ class Unnamed:
     worst: tuple[str, float]
     noise: Mapping[str, float] = field(default_factory=dict)
     expected: float = nan
+    sizes: tuple[float, float] = (nan, nan)
+    over_usual: float = nan
 
     @property
     def strain(self) -> float:
@@ -225,10 +229,13 @@ class Unnamed:
         return 0.5 * max(self.tolerances - usual, 0.0)
 
     def to_json(self) -> dict[str, Any]:
-        """Per equation: amplitude beside the share [m/s^2], share of the force, correlation time [s]."""
+        """Per equation: amplitude beside the share [m/s^2], share of the force, correlation time [s], size of both."""
+        kinds = ("amplitude", "share", "correlation_time", "size")
+        lateral, longitudinal = self.sizes
         return {
-            "F_y": {"amplitude": self.floor_y, "share": self.share_y, "correlation_time": self.memory_y},
-            "F_x": {"amplitude": self.floor_x, "share": self.share_x, "correlation_time": self.memory_x},
+            "F_y": dict(zip(kinds, (self.floor_y, self.share_y, self.memory_y, lateral), strict=True)),
+            "F_x": dict(zip(kinds, (self.floor_x, self.share_x, self.memory_x, longitudinal), strict=True)),
+            "over_usual": self.over_usual,
             "tolerances": self.tolerances,
             "expected": self.expected,
             "worst": {"name": self.worst[0], "sd": self.worst[1]},

@@ -33,11 +33,10 @@ def unnamed_probability(examined: Examined) -> float:
     """
     if examined.unnamed is None:
         return _without_forces(examined)
-    unnamed, usual = examined.unnamed, examined.expected.median
-    share = max(unnamed.share_y / usual.share_y, unnamed.share_x / usual.share_x)
+    unnamed = examined.unnamed
     loud = max(unnamed.noise.values(), default=1.0) if examined.noise_stated else 1.0
     odds = [
-        CAL.unnamed_slope * log(share / CAL.unnamed_share),
+        CAL.unnamed_slope * log(max(unnamed.over_usual, TINY) / CAL.unnamed_share),
         CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
     ]
     if unnamed.strain > 0:

@@ -15,7 +15,7 @@ from ..engine.simulation import FreeRuns
 from .estimation.calibration import CAL
 from .estimation.constancy import acts_on, varies
 from .estimation.hypothesis import Hypothesis
-from .estimation.model_error import Amplitudes
+from .estimation.model_error import Amplitudes, Linearised, sizes_of
 from .estimation.search import Search
 from .gap import Unnamed
 
@@ -242,7 +242,7 @@ def strained_shares(search: Search, best: Hypothesis) -> dict[str, float]:
     return result
 
 
-def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
+def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes, about: Linearised) -> Unnamed:
     """Remaining model error beside the best explanation, with the strain of tolerances and the noise."""
     off = np.concatenate([best.theta, best.linear]) - search.means
     precision = search.prior_precision({axis.index for axis in best.axes})
@@ -254,4 +254,5 @@ def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplit
         result.share_y, result.share_x, result.floor_y, result.floor_x, result.memory_y, result.memory_x,
         float(off @ precision @ off), (names[k], float(each[k])) if names else ("", 0.0),
         {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)}, search.expected_charge(best),
+        *sizes_of(about, result, median),
     )  # fmt: skip

@@ -26,7 +26,7 @@ from greybox_id.gap.judging import _beside_unknown, _strains, may_vary, misnamed
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle import StatedModelError, Vehicle
+from greybox_id.models.vehicle import Vehicle
 from greybox_id.reports.gap.words import whether
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),
@@ -338,19 +338,16 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     assert (judging.refused(found, best.names, shared) == {}) == applied
 
 
-def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
-    left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0})
-    stated = {"F_y": StatedModelError(share=0.08)}
-    usual, own = (amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated=known) for known in ({}, stated))
-    found = SimpleNamespace(unnamed=left, noise_stated=True, expected=usual)
-    assert unnamed_probability(found) > 0.9
-    found.expected = own
-    assert unnamed_probability(found) < 0.15
+def test_unknown_forces_over_their_usual_size_are_something_unnamed():
+    left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0}, over_usual=4.0)
+    assert unnamed_probability(SimpleNamespace(unnamed=left, noise_stated=True)) > 0.9
+    usual = SimpleNamespace(unnamed=replace(left, over_usual=1.0), noise_stated=True)
+    assert unnamed_probability(usual) < 0.15
 
 
 def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_and_of_a_mimic():
     usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
-    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0, over_usual=1.0)
     strained = replace(calm, tolerances=96.0)
     assert calm.strain == 0.0  # within two standard deviations, 8 each
     assert strained.strain == pytest.approx((96.0 - 32.0 - 16.0) / 2.0)
@@ -389,11 +386,11 @@ def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_m
 
 def test_a_size_may_vary_less_beside_something_unnamed():
     usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
-    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0, over_usual=1.0)
     limits = [
         may_vary(
             SimpleNamespace(
-                unnamed=replace(calm, share_y=times * usual.median.share_y),
+                unnamed=replace(calm, over_usual=times),
                 noise_stated=True,
                 expected=usual,
                 inexact=False,
@@ -409,7 +406,7 @@ def test_a_size_may_vary_less_beside_something_unnamed():
 def test_what_a_refused_name_explains_is_unnamed():
     """Nothing contradicts itself: a gap whose only name is a mimic's is there by no name."""
     usual = amplitude_prior(np.ones(1), noise_stated=True, exact=False, stated={})
-    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0, over_usual=1.0)
     best = SimpleNamespace(names=("lag",), cost=-30.0)
     selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=[best])
 

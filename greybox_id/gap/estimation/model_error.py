@@ -425,6 +425,22 @@ def unknown_forces(about: Linearised, lanes: Sequence[Amplitudes]) -> Processes:
     return Processes(sd, np.exp(-about.length[:, None, None] / memory[place]))
 
 
+def sizes_of(about: Linearised, one: Amplitudes, usual: Amplitudes) -> tuple[tuple[float, float], float]:
+    """Root mean squares of unknown forces along a simulation.
+
+    Returns
+    -------
+    relative : of lateral and of longitudinal ones, over those of the modelled forces.
+    over_usual : of the one that is largest compared with its usual size, over that size.
+    """
+    squares = np.mean(unknown_forces(about, [one, usual]).sd ** 2, axis=0)
+    modelled = np.mean(about.force**2, axis=0)
+    relative = (np.sqrt(np.sum(squares[at, 0]) / max(np.sum(modelled[at]), 1e-300)) if np.any(at) else 0.0
+                for at in (about.axis == 0, about.axis == 1))  # fmt: skip
+    lateral, longitudinal = (float(each) for each in relative)
+    return (lateral, longitudinal), float(np.sqrt(np.max(squares[:, 0] / squares[:, 1], initial=0.0)))
+
+
 def _slow(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array]:
     """Of slow errors of the channels that are read: (slow errors, L) standard deviations, (S, L) correlations."""
     colour = np.array([lane.colour[about.read] for lane in lanes]).T

@@ -82,7 +82,9 @@ def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
     ends = {"share": "share", "floor": "amplitude", "memory": "correlation_time"}
     forces = {f"{name}_{axis}": body[f"F_{axis}"][key] for name, key in ends.items() for axis in "yx"}
     worst = (body["worst"]["name"], body["worst"]["sd"])
-    filled = {**body, **forces, "worst": worst, "expected": body.get("expected") or nan}
+    known = {name: _number(body.get(name), nan) for name in ("expected", "over_usual")}
+    sizes = tuple(_number(body[force].get("size"), nan) for force in ("F_y", "F_x"))
+    filled = {**body, **forces, **known, "worst": worst, "sizes": sizes}
     return cast(Unnamed, of_plain(Unnamed, filled, "model_error", null=nan))
 
 

@@ -210,8 +210,8 @@ def _unknown_forces(gap: Gap) -> list[str]:
     most = max((ratio for ratio in gap.where.channels.values() if isfinite(ratio)), default=1.0)
     if gap.unnamed is None or most < SLIGHT:
         return []
-    share = percent(max(gap.unnamed.share_y, gap.unnamed.share_x))
-    return [f"unknown forces of {share} of the modelled forces (their effects add up along a free run)"]
+    sizes = [size for size in gap.unnamed.sizes if isfinite(size)] or [gap.unnamed.share_y, gap.unnamed.share_x]
+    return [f"unknown forces of {percent(max(sizes))} of the modelled forces (their effects add up along a free run)"]
 
 
 def _largest(gap: Gap) -> str:

@@ -16,6 +16,7 @@ from greybox_id.gap.estimation.model_error import (
     linearised,
     model_error,
     negative_log_likelihood,
+    sizes_of,
     tuned_on,
 )
 from greybox_id.gap.estimation.preparing import prepare_plain
@@ -185,6 +186,23 @@ def test_c_and_numba_give_the_same_numbers(bench, about, monkeypatch):
     monkeypatch.setattr(error_kernel, "_library", lambda: None)
     for one, other in zip(in_c, numbers(), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.max(np.abs(other)))
+
+
+def test_a_size_counts_all_of_an_unknown_force_and_what_the_file_states_of_it(about):
+    own = amplitudes(share_y=0.08, share_x=0.01)
+    usual, stated = (
+        amplitude_prior(SD, noise_stated=True, exact=False, stated=known).median
+        for known in ({}, {"F_y": StatedModelError(share=0.08)})
+    )
+    (lateral, longitudinal), more = sizes_of(about, own, usual)
+    modelled = np.sqrt(np.sum(np.mean(about.force[:, :2] ** 2, axis=0)))
+    floor = np.sqrt(2) * own.floor_y / 2 * about.mass
+    assert lateral == pytest.approx(np.hypot(0.08, floor / modelled))
+    assert longitudinal > 0.01
+    assert more > 2.0
+    assert sizes_of(about, own, stated)[1] < 0.6 * more
+    (_, _), by_floor = sizes_of(about, amplitudes(share_y=1e-4, share_x=1e-4, floor_y=20 * usual.floor_y), usual)
+    assert by_floor > 2.0
 
 
 def test_where_every_number_is_exact_less_model_error_is_believed():
