@@ -237,21 +237,23 @@ class Kernel:
         return trajectory
 
     def linearise(
-        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
-    ) -> tuple[Array, Array, Array, Array]:
+        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike,
+        taken: NDArray[np.bool_] | None = None,
+    ) -> tuple[Array, Array, Array, Array]:  # fmt: skip
         """Integrate, and differentiate by the initial states and some parameters.
 
         Parameters
         ----------
         z0, s, p, reads : as for `simulate`.
         columns : (q,) indices of the parameters to differentiate by, each once.
+        taken : (L, R) which of the readings each lane takes; None: all.
 
         Returns
         -------
         z : (L, nz) states at the end.
         Z : (L, nz, nz + q) their derivatives, by z0 first.
-        y : (L, R, ny) readings.
-        Y : (L, R, ny, nz + q) their derivatives, by z0 first.
+        y : (L, R, ny) readings; with `taken` (T, ny), those of one lane after the other.
+        Y : (L, R, ny, nz + q) or (T, ny, nz + q) their derivatives, by z0 first.
         """
         arguments = self._checked(z0, s, p, reads)
         lanes, segments, readings = *arguments[1].shape[:2], np.count_nonzero(arguments[3])
@@ -260,11 +262,15 @@ class Kernel:
         moving = self._placed(chosen, states + np.arange(len(chosen)))
         self._load(LINEARISED * lanes * segments)
         if self._library is None:
-            return self._model.virtual.linearise(*arguments, chosen)
+            z, Z, y, Y = self._model.virtual.linearise(*arguments, chosen)
+            return (z, Z, y, Y) if taken is None else (z, Z, y[taken], Y[taken])
+        if taken is not None and taken.shape != (lanes, readings):
+            raise ValueError(f"Shape {taken.shape} of taken does not match {lanes} lanes and {readings} readings.")
+        shape = (lanes, readings) if taken is None else (np.count_nonzero(taken),)
         z, Z = np.empty((lanes, states)), np.empty((lanes, states, width))
-        y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, width))
+        y, Y = np.empty((*shape, outputs)), np.empty((*shape, outputs, width))
         seed = np.tile(np.eye(states, width), (lanes, 1, 1))
-        self._call(arguments, moving, seed, z, Z, y, Y)
+        self._call(arguments, moving, seed, z, Z, y, Y, taken=taken)
         return z, Z, y, Y
 
     def normal_equations(
@@ -337,16 +343,24 @@ class Kernel:
         Y: Array | None,
         robust: float | None = None,
         *others: Array | None,
+        taken: NDArray[np.bool_] | None = None,
     ) -> None:
         """Call the compiled function that linearises: it stores the readings' derivatives, or accumulates J'J."""
         z0, s, p, reads = arguments
+        at_segments, begin = None, None
+        if taken is not None:
+            at_segments = np.zeros(s.shape[:2], dtype=bool)
+            at_segments[:, reads] = taken
+            begin = np.concatenate(([0], np.cumsum(np.count_nonzero(taken, axis=1))))[:-1]
         counts = s.shape[1], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
         robust = np.inf if robust is None else robust
         accumulates, size = bool(others), scratch_size(seed.shape[2], self._model.outputs)
 
         def run(first: int, last: int) -> None:
-            value = [None if array is None else array[first:last] for array in (z0, s, p, seed, z, Z, y, Y, *others)]
-            arrays = [moving, *value[:3], reads, *value[3:], *([] if accumulates else [None] * 4)]
+            by_lane = (z0, s, p, at_segments, begin, seed, z, Z, *((y, Y) if taken is None else ()), *others)
+            value = [None if array is None else array[first:last] for array in by_lane]
+            results = [] if taken is None else [y, Y]
+            arrays = [moving, *value[:3], reads, *value[3:], *results, *([] if accumulates else [None] * 4)]
             scratch = np.empty(size) if accumulates else None
             assert self._library is not None
             self._library.linearise(last - first, *counts, robust, *_places(*arrays, scratch))
@@ -431,7 +445,7 @@ class _Functions:
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library with the argument types of its functions declared: counts, then arrays."""
     made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
-    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
+    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 17
     made.follow.argtypes = [ctypes.c_ssize_t] + [ctypes.c_void_p] * 6
     made.simulate.restype = made.follow.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):

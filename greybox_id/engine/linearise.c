@@ -49,7 +49,7 @@ static void weigh(const v *y, const v *target, v *w, v *r, double robust)
 
 void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t columns, ptrdiff_t apart,
     double robust, const ptrdiff_t *moving, const double *z0, const double *s, const double *p,
-    const unsigned char *reads, const double *seed, double *z_out, double *Z_out, double *y_out, double *Y_out,
+    const unsigned char *reads, const unsigned char *taken, const ptrdiff_t *place, const double *seed, double *z_out, double *Z_out, double *y_out, double *Y_out,
     const double *target, const double *weight, const double *given, double *H_out, double *scratch)
 {
     /* derivatives with the residuals as last column: the last row of their product is J'r */
@@ -57,7 +57,7 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
     v *J = (v *)(((size_t)scratch + sizeof(v) - 1) / sizeof(v) * sizeof(v)), *H = J + BATCH * NY * wide;
     if (H_out) memset(J, 0, BATCH * NY * wide * sizeof(v));
     for (ptrdiff_t first = 0; first < lanes; first += W) {
-        ptrdiff_t row[W], reading = 0, batch = 0;
+        ptrdiff_t row[W], next_place[W], reading = 0, batch = 0;
         const int real = rows(row, first, lanes);
         v z[NZ], next[NZ], now[AHEAD(NS) * NS + 1], q[NP + 1], w[SLOPE_KEPT + 1], y[NY + 1], r[NY + 1];
         v targets[AHEAD(NY) * NY + 1], weights[AHEAD(NY) * NY + 1];
@@ -66,6 +66,7 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
         gather(q, NP, p, NP, row);
         gather(Z, NZ * columns, seed, NZ * columns, row);
         slope_fixed(q, w);
+        if (taken) LANES next_place[l] = place[row[l]];
         if (H_out) memset(H, 0, wide * wide * sizeof(v));
         for (ptrdiff_t k = 0; k < segments; k++) {
             slope(z, ahead(now, NS, s, apart, k, segments, row), q, w, next, y, A, B, C, D, reads[k], moving);
@@ -85,6 +86,20 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
                     if (++batch == BATCH) {
                         accumulate(J, batch * NY, H, wide, given ? wide - TILE : 0);
                         batch = 0;
+                    }
+                } else if (taken) { /* each lane's readings, one after the other */
+                    int all = 1;
+                    for (int l = 0; l < real; l++) all &= taken[row[l] * segments + k];
+                    if (all) {
+                        scatter(y, NY, y_out, NY, next_place, real);
+                        scatter(Y, NY * columns, Y_out, NY * columns, next_place, real);
+                    }
+                    for (int l = 0; l < real; l++) {
+                        if (!taken[row[l] * segments + k]) continue;
+                        double *const y_to = y_out + next_place[l] * NY;
+                        double *const Y_to = Y_out + next_place[l]++ * NY * columns;
+                        for (int i = 0; i < NY && !all; i++) y_to[i] = y[i][l];
+                        for (ptrdiff_t i = 0; i < NY * columns && !all; i++) Y_to[i] = Y[i][l];
                     }
                 } else {
                     scatter(y, NY, y_out + reading * NY, readings * NY, row, real);

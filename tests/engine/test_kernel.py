@@ -233,6 +233,18 @@ def test_terms_of_a_parameter_that_is_zero_are_left_out_but_for_its_derivative()
 
 
 @both_ways
+def test_lanes_store_the_readings_that_they_take(compiled):
+    made, columns = Kernel(*single_track(), compiled=compiled), [7, 0, 3]
+    *given, reads = driven(300, 40)
+    taken = np.random.default_rng(3).random((300, np.count_nonzero(reads))) < 0.4
+    taken[:16] = True
+    z, Z, y, Y = made.linearise(*given, reads, columns)
+    few = made.linearise(*given, reads, columns, taken)
+    for one, other in zip(few, (z, Z, y[taken], Y[taken]), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@both_ways
 def test_sensitivities_are_those_of_finite_differences(compiled):
     made, columns, h = Kernel(*single_track(), compiled=compiled), [0, 4, 6, 8], 1e-6
     z0, s, p, reads = driven(3, 25)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,19 @@ class Plans:
             plan.row_segment[cut_rows(plan, 0, len(plan.row_segment), count)]
             for plan, count in zip(self.runs, self.lanes, strict=True)
         ]
+
+
+def _own(lanes: Lanes) -> tuple[NDArray[np.bool_], Index | None]:
+    """Which readings are of a lane's rows, (L, R), and the places of all rows' among them; None: one after the other.
+
+    Where rows are cut into different numbers of segments, lanes are read at the rows of others, too.
+    """
+    there, outputs = lanes.lane >= 0, lanes.lane.shape[1]
+    own = np.zeros((len(lanes.interval), np.count_nonzero(lanes.reads)), dtype=bool)
+    own[lanes.lane[there], lanes.rank[there]] = True
+    rank = (np.cumsum(own) - 1).reshape(own.shape)[np.maximum(lanes.lane, 0), np.maximum(lanes.rank, 0)]
+    place = np.where(there, rank * outputs + np.arange(outputs), 0).ravel()
+    return own, None if np.array_equal(place, np.arange(np.count_nonzero(own) * outputs)) else place
 
 
 @dataclass(frozen=True)
@@ -291,17 +305,22 @@ class Bench:
         (result,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            _, Z_end, _, Y = kernel.linearise(result.cuts, cut.segments, by_lane, cut.reads, chosen)
+            taken, place = _own(cut)
+            _, Z_end, _, Y = kernel.linearise(result.cuts, cut.segments, by_lane, cut.reads, chosen, taken)
+            parts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *np.count_nonzero(taken, axis=1)]))]
             for lanes_held, index in held:
                 at = size + np.flatnonzero(chosen == index)
                 Z_end[np.ix_(lanes_held, np.arange(size), at)] = 0.0
-                Y[np.ix_(lanes_held, np.arange(Y.shape[1]), np.arange(Y.shape[2]), at)] = 0.0
+                for lane in lanes_held:
+                    Y[parts[lane], :, at] = 0.0
             G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
-            lanes, reads, outputs, _ = Y.shape
-            by_rows = Y.reshape(lanes, reads * outputs, -1)  # parts of it are views
-            J = by_rows[:, :, :size] @ G
-            J[:, :, : len(chosen)] += by_rows[:, :, size:]
-        J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
+            J = np.empty((*Y.shape[:2], G.shape[2]))
+            for by_start, part in zip(G, parts, strict=True):
+                np.matmul(Y[part, :, :size], by_start, out=J[part])
+            J[:, :, : len(chosen)] += Y[:, :, size:]
+        if place is not None:
+            J = J.reshape(-1, J.shape[2]).take(place, axis=0).reshape(*cut.lane.shape, -1)
+            J[cut.lane < 0] = 0.0
         with np.errstate(all="ignore"):
             within = abs(np.sum(J)) < CAL.far
         if not within:  # the last rows of a diverging simulation have no useful derivatives
