@@ -229,19 +229,20 @@ def schedule(
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
     parts = np.broadcast_to(segments_of_rows(run, longest), rows)
     steps = np.append(np.diff(run.time), run.sample_time)
-    cut_rows = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
-    times_within = [run.time[item] + steps[item] * k / parts[item] for k, item in enumerate(cut_rows, 1)]
     all_rows = np.arange(rows)
+    cut_rows = np.repeat(all_rows, parts - 1)
+    part = np.arange(1, len(cut_rows) + 1) - np.repeat(np.cumsum(parts - 1) - (parts - 1), parts - 1)
+    within = [run.time[cut_rows] + steps[cut_rows] * part / parts[cut_rows]] if len(cut_rows) else []
     late_rows = all_rows if read is None else np.flatnonzero(read)
     late = [run.time[late_rows] - shifts[k] for k in cuts if k >= delays]
     delayed = [run.time + shifts[k] for k in cuts if k < delays]
     # At equal instants: delayed commands arrive first, then the rows' own commands, then late readings are taken.
     first_late = sum(k < delays for k in cuts)
-    kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in times_within)]
-    times = [*delayed, run.time, *late, *times_within]
+    kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
+    times = [*delayed, run.time, *late, *within]
     counts = [len(time) for time in times]
     instant, kind = np.concatenate(times), np.repeat(kinds, counts)
-    row = np.concatenate([*[all_rows] * (len(delayed) + 1), *[late_rows] * len(late), *cut_rows])
+    row = np.concatenate([*[all_rows] * (len(delayed) + 1), *[late_rows] * len(late), cut_rows])
     order = all_rows
     if len(times) > 1:
         order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
@@ -250,11 +251,12 @@ def schedule(
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)
     fixed = [k for k in cuts if k >= delays and moving is not None and not moving[k]]
-    coincides = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(
-        kind, fixed
-    )  # no new segment: the instant exists
-    taker, late_kind, late_row = np.cumsum(~coincides) - 1, kind, row
+    taker, late_kind, late_row = np.arange(len(kind)), kind, row
+    coincides = np.zeros(len(kind), dtype=bool)  # no new segment: the instant exists
+    if fixed:
+        coincides[1:] = (np.diff(instant) <= AT_ONCE) & np.isin(kind[1:], fixed)
     if np.any(coincides):
+        taker = np.cumsum(~coincides) - 1
         instant, kind, row = (values[~coincides] for values in (instant, kind, row))
     del steps, all_rows, order  # each is large for hours of data
 
