@@ -65,6 +65,18 @@ def test_how_much_a_vehicle_scatters_follows_from_all_its_numbers(apart, least, 
     assert one.scatter[1] > 0.3  # a single number says little
 
 
+def test_runs_that_differ_somewhat_less_than_usual_leave_the_usual_scatter():
+    names = [f"n{k}" for k in range(6)]
+    reader = Read()
+    reader.numbers = tuple(VaryingNumber(name, False, 0.0, 10.0, 1e-3, -50.0, 50.0) for name in names)
+    usual, prior_runs = dict.fromkeys(names, 0.5), dict.fromkeys(names, 4.0)
+    two = [ride(np.full(6, side * 0.6 * 0.5 * np.sqrt(0.5)), np.full(6, 1e-3)) for side in (-1, 1)]
+    known = common(reader, two, usual, prior_runs)
+    assert known.scatter == pytest.approx(np.sqrt((4.0 + 0.6**2) / 5.0) * 0.5, rel=0.02)
+    four = [ride(np.full(6, side * 0.1 * 0.5 * np.sqrt(0.5)), np.full(6, 1e-3)) for side in (-1, 1, -1, 1)]
+    assert np.all(common(reader, four, usual, prior_runs).scatter < 0.2 * 0.5)
+
+
 def test_runs_that_tell_nothing_leave_the_usual_scatter():
     blind = [ride([3.0, 40.0 * (-1) ** k], [0.01, 1e4]) for k in range(6)]
     known = common(Read(), blind, {"varies": 0.5}, {"varies": 4.0})

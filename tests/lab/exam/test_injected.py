@@ -165,5 +165,6 @@ def test_a_real_change_is_examined_as_a_case(tmp_path, real_data):
     (answer,) = [read_answer(file) for file in exam.folder.glob("sealed/*/answer.json")]
     assert answer.effects["grip_scale"] == pytest.approx(0.51, abs=0.01)
     found = diagnose_case(exam.folder / "cases" / "case_000")
-    assert tuple(found["applied"]) == ("grip_scale",)
+    assert tuple(found["applied"]) == ("grip_scale", "velocity_lever_arm")  # the pose differs, too
+    assert {*found["applied"]} <= {*answer.effects, *answer.nature}
     assert json.dumps(found)
