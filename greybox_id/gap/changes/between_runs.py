@@ -20,9 +20,6 @@ from ..estimation.calibration import CAL
 from ..estimation.descent import Curve, descended
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
 
-FLAT = 1e-6
-"""Prior precision, relative, that says next to nothing and keeps matrices regular in double precision."""
-
 
 @dataclass(frozen=True)
 class VaryingNumber:
@@ -188,7 +185,7 @@ def common(
         value = np.asarray((beyond_vehicle.T * firm) @ beyond_vehicle, dtype=float)
         known = 1.0 / sd**2
         if free is not None:
-            known[free] *= FLAT
+            known[free] *= CAL.flat
         value[:n, :n] += np.diag(known)
         return value
 

@@ -364,6 +364,7 @@ class Calibration:
     between_still: int = _known(5, "successive steps that gain less, then they end: readings past rows make plateaus")
     between_beside: float = _known(1e-2, "step of the difference by a number, over its sd")
     most_relative: float = _known(0.1, "largest relative sd in that step")
+    flat: float = _known(1e-6, "factor on a prior precision that leaves next to nothing of it, and matrices regular")
     delay_step: float = _known(5e-3, "the same of delays, s: rows cut what they move")
     clocks: float = _known(0.1, "s by which clocks of commands and readings differ: 77 ms found", "DART, data check")
     amplitudes_settled: float = _known(0.01, "nats: predicted gain of a step at which the search for amplitudes ends")
