@@ -73,10 +73,9 @@ class Simulator:
         p : (parameters,) or (n, parameters).
         given : measured states whose reading is the state itself, not a sensor's.
         """
-        count, size = self.trace.model.size, self.trace.size
-        result = self._start_function(measured, given, True)(readings, inputs, p)
-        result = np.broadcast_to(result, (len(readings), size * (1 + count)))
-        return result[:, :size], result[:, size:].reshape(len(readings), size, count)
+        size, function = self.trace.size, self._start_function(measured, given, True)
+        result = np.broadcast_to(function(readings, inputs, p), (len(readings), function.outputs))
+        return result[:, :size], result[:, size:].reshape(len(readings), size, function.outputs // size - 1)
 
     def start_states(
         self, measured: tuple[str, ...], readings: Array, inputs: Array, p: Array, given: tuple[str, ...] = ()

@@ -338,14 +338,17 @@ class Bench:
 
     def _moving(self, columns: Sequence[int]) -> list[bool]:
         """Of each shift, whether it depends on any of these parameters."""
-        timing = self.simulator.trace.timing
-        if self.simulator.trace.shift_count == 0:
-            return []
-        pattern = np.zeros((self.simulator.trace.shift_count, self.model.size), dtype=bool)
-        sparsity = timing.jac_sparsity(0, 0)
-        rows, cols = sparsity.get_triplet()
-        pattern[rows, cols] = True
-        return [bool(np.any(pattern[k, list(columns)])) for k in range(len(pattern))]
+        return [not by.isdisjoint(columns) for by in self._shifted_by]
+
+    @cached_property
+    def _shifted_by(self) -> list[set[int]]:
+        """Of each shift, the parameters that it depends on."""
+        trace = self.simulator.trace
+        pattern = zip(*trace.timing.jac_sparsity(0, 0).get_triplet(), strict=True) if trace.shift_count else ()
+        result = [set[int]() for _ in range(trace.shift_count)]
+        for shift, parameter in pattern:
+            result[shift].add(parameter)
+        return result
 
     def _scheduled(self, shifts: tuple[float, ...]) -> Plans:
         if shifts not in self._schedules:
