@@ -355,5 +355,6 @@ class Gap:
         plain = {item.name: getattr(self, item.name) for item in fields(Gap)}  # without the fields of subclasses
         body = asdict(Gap(**plain | {"closed": None, "strip": None, "budget": None}))
         body["budget"] = [] if self.budget is None else self.budget.to_json()
+        body["courses"] = [each.to_json() for each in self.courses]
         body["model_error"] = None if self.unnamed is None else self.unnamed.to_json()
         return {key: value for key, value in body.items() if key not in ("closed", "strip", "unnamed")}

@@ -10,8 +10,9 @@ along the path is a property of the road, one over time is a property of the dri
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import nan
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
@@ -65,6 +66,11 @@ class MagnitudeCourse:
     closed_interval: tuple[float, float] = (nan, nan)
     recordings: tuple[str, ...] = ()
     held_out: bool = False
+
+    def to_json(self) -> dict[str, Any]:
+        """The course as plain data."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()}
 
     def weights(self, places: Places) -> Array:
         """(N, knots) by which rows take the knots' magnitudes: their expectation, which is none far from all knots."""
@@ -148,7 +154,7 @@ def course(
     sizes = sizes[:, np.any(sizes != 0, axis=0)]  # of the other effects
     J, off = np.hstack([J, sizes]), np.append(off, np.zeros(sizes.shape[1]))
     precision = block_diag(precision, np.zeros((sizes.shape[1],) * 2))
-    speed = places.distance[-1] / max(np.ptp(places.time), 1e-9) if len(places.distance) else 0.0
+    speed = float(places.distance[-1] / max(np.ptp(places.time), 1e-9)) if len(places.distance) else 0.0
     ways = [(TIME, wander.correlation_time), *([(PATH, speed * wander.correlation_time)] if speed > 0 else [])]
     found = list[tuple[float, MagnitudeCourse]]()
     for along, reach in ways:

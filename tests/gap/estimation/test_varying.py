@@ -1,5 +1,6 @@
 """Courses of magnitudes that vary: what they are made of, and that one along the path holds on another drive."""
 
+import json
 from dataclasses import replace
 
 import casadi as cs
@@ -49,6 +50,7 @@ def test_between_knots_a_course_is_the_expectation_of_its_process():
     found = course.weights(Places(time, NOTHING, NOTHING, NOTHING, NOTHING)) @ value
     np.testing.assert_allclose(found[[0, 2, 3]], value, atol=1e-9)
     assert found[1] == pytest.approx(0.0, abs=1e-9)  # as far from both
+    assert json.loads(json.dumps(course.to_json()))["value"] == [1.0, -1.0, 0.5]
     assert found[4] == pytest.approx(0.5 * np.exp(-1.0))  # a Markov process: the last knot alone counts
     assert found[5] == pytest.approx(0.0, abs=1e-9)
 
@@ -104,4 +106,5 @@ def test_a_bank_along_the_path_closes_the_gap_on_another_drive():
     off = (course.value - true - np.mean(course.value - true)) / course.value_sd  # its constant part is a nuisance
     assert np.corrcoef(course.value, true)[0, 1] > 0.85
     assert 0.3 < np.std(off) < 1.6
+    json.dumps(found.to_json(), allow_nan=True)  # plain data
     assert "with a course of road_bank along the path" in found.summary()
