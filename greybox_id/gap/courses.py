@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from ..datasets.recording import Recording
 from .closed_model import with_effects
 from .closing import closed_by
@@ -41,7 +43,10 @@ def courses(
     ]
     places = Places.of(bench, excerpt(examined.recordings))
     quiet = quietened(amplitudes, examined.expected.median)
-    found = course(search, best, wander, axis, quiet, examined.sd, examined.good, places)
+    try:
+        found = course(search, best, wander, axis, quiet, examined.sd, examined.good, places)
+    except (np.linalg.LinAlgError, ValueError):  # derivatives overflow where the vehicle nearly spins
+        return ()
     closure = _verified(examined, best, found, held_out) if held_out and found.along == PATH else None
     if closure is None:
         sd, good = examined.sd, examined.good
