@@ -44,19 +44,19 @@ def courses(
     places = Places.of(bench, excerpt(examined.recordings))
     quiet = quietened(amplitudes, examined.expected.median)
     try:
-        found = course(search, best, wander, axis, quiet, examined.sd, examined.good, places)
+        likeliest = course(search, best, wander, axis, quiet, examined.sd, examined.good, places)
     except (np.linalg.LinAlgError, ValueError):  # derivatives overflow where the vehicle nearly spins
         return ()
-    closure = _verified(examined, best, found, held_out) if held_out and found.along == PATH else None
+    closure = _verified(examined, best, likeliest, held_out) if held_out and likeliest.along == PATH else None
     if closure is None:
         sd, good = examined.sd, examined.good
-        before, after = with_course(search, examined.at_its_best(best), found, axis.index, sd, good, places)
+        before, after = with_course(search, examined.at_its_best(best), likeliest, axis.index, sd, good, places)
         names = tuple(recording.name for recording in examined.recordings)
         closure = closed_by(before, after, sd, inliers(after.e, good, bench), bench, names)
     if not closure.closed_interval[0] > 0:
         return ()
     apart = closure.recordings != tuple(recording.name for recording in examined.recordings)
-    return (replace(found, closed=closure.closed, closed_interval=closure.closed_interval,
+    return (replace(likeliest, closed=closure.closed, closed_interval=closure.closed_interval,
                     recordings=closure.recordings, held_out=apart),)  # fmt: skip
 
 

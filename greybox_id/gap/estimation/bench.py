@@ -80,17 +80,17 @@ class Plans:
         ]
 
 
-def _own(lanes: Lanes) -> tuple[NDArray[np.bool_], Index | None]:
+def _taken(lanes: Lanes) -> tuple[NDArray[np.bool_], Index | None]:
     """Which readings are of a lane's rows, (L, R), and the places of all rows' among them; None: one after the other.
 
     Where rows are cut into different numbers of segments, lanes are read at the rows of others, too.
     """
     there, outputs = lanes.lane >= 0, lanes.lane.shape[1]
-    own = np.zeros((len(lanes.interval), np.count_nonzero(lanes.reads)), dtype=bool)
-    own[lanes.lane[there], lanes.rank[there]] = True
-    rank = (np.cumsum(own) - 1).reshape(own.shape)[np.maximum(lanes.lane, 0), np.maximum(lanes.rank, 0)]
+    taken = np.zeros((len(lanes.interval), np.count_nonzero(lanes.reads)), dtype=bool)
+    taken[lanes.lane[there], lanes.rank[there]] = True
+    rank = (np.cumsum(taken) - 1).reshape(taken.shape)[np.maximum(lanes.lane, 0), np.maximum(lanes.rank, 0)]
     place = np.where(there, rank * outputs + np.arange(outputs), 0).ravel()
-    return own, None if np.array_equal(place, np.arange(np.count_nonzero(own) * outputs)) else place
+    return taken, None if np.array_equal(place, np.arange(np.count_nonzero(taken) * outputs)) else place
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class Bench:
         (result,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            taken, place = _own(cut)
+            taken, place = _taken(cut)
             _, Z_end, _, Y = kernel.linearise(result.cuts, cut.segments, by_lane, cut.reads, chosen, taken)
             parts = [slice(a, b) for a, b in pairwise(np.cumsum([0, *np.count_nonzero(taken, axis=1)]))]
             for lanes_held, index in held:

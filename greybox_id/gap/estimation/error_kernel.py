@@ -35,9 +35,9 @@ def likelihood(
     nll, scratch = np.empty(lanes), np.empty(WIDE * (1 + n * (n + 2 * nz + 7)))
     given = (F, H, sd, fade, colour, slow, white, start, first, pointer, channel, r, gain)
     each = np.empty((2, len(r) if len(fisher) else 0, lanes))  # logarithms of variances, and innovations
-    wanted = (_place(array) if array.size else None for array in (size, *each))
+    results = (_place(array) if array.size else None for array in (size, *each))
     made.likelihood(
-        segments, nz, n, channels, forces, lanes, *map(_place, given), *wanted, _place(nll), _place(scratch)
+        segments, nz, n, channels, forces, lanes, *map(_place, given), *results, _place(nll), _place(scratch)
     )
     if len(fisher):
         root = np.exp(-0.5 * each[0, :, :1])  # one over the first lane's standard deviation

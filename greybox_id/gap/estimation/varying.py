@@ -156,7 +156,7 @@ def course(
     precision = block_diag(precision, np.zeros((sizes.shape[1],) * 2))
     speed = float(places.distance[-1] / max(np.ptp(places.time), 1e-9)) if len(places.distance) else 0.0
     ways = [(TIME, wander.correlation_time), *([(PATH, speed * wander.correlation_time)] if speed > 0 else [])]
-    found = list[tuple[float, MagnitudeCourse]]()
+    result = list[tuple[float, MagnitudeCourse]]()
     for along, reach in ways:
         coordinates = places.coordinates(along, reach)
         knots = _knots(coordinates, CAL.knots_apart * reach)
@@ -170,8 +170,8 @@ def course(
             wander.effect, wander.unit, along, wander.sd, reach, here.distance if along == PATH else here.time,
             here.x, here.y, here.yaw, value, np.sqrt(np.maximum(np.diag(covariance), 0.0)),
         )  # fmt: skip
-        found.append((evidence, one))
-    return max(found, key=lambda each: each[0])[1]
+        result.append((evidence, one))
+    return max(result, key=lambda each: each[0])[1]
 
 
 def with_course(

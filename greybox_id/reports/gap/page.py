@@ -15,9 +15,11 @@ from matplotlib.colors import to_rgba_array
 
 from ...base.numbers import listed, number
 from ...base.shorthands import Array
+from ...base.statistics import NORMAL
 from ...base.version import __version__
 from ...fitting.scores.horizons import Errors
 from ...gap.estimation.strip import Strip, running
+from ...gap.estimation.varying import PATH, MagnitudeCourse
 from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ..document import Document, Drawing, VerdictBox
@@ -44,8 +46,7 @@ from ..figures.sheet import (
     symbol,
 )
 from ..pdf import write_pdf, write_png
-from .course import course_drawing
-from .words import judged, main_words, verdict
+from .words import handy, judged, main_words, verdict
 
 BEFORE = look(ORANGE, 1.1, "original model")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
@@ -346,6 +347,42 @@ def _along_path(ax: Axes, strip: Strip) -> None:
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
     scale = [(float(np.log(tick) / np.log(top)), f"{tick:g}") for tick in ticks]
     shades(ax, scale, "mean square error / that of noise [1]", EXCESS, opacity=PATH_OPACITY)
+
+
+def course_drawing(course: MagnitudeCourse) -> Drawing:
+    """The magnitude along the path or over time, with its 95 % interval; at its places, too, where these are known."""
+    name, unit = course.effect.replace("_", " "), handy(course.unit, course.sd)
+    placed = course.along == PATH
+    sheet = Sheet((STRIPS_HEIGHT,), 1 + placed, widths=(1.6, 1.0)[: 1 + placed])
+    value, sd, order = unit.factor * course.value, unit.factor * course.value_sd, np.argsort(course.at)
+    ax, words = sheet.first(), f"{name} [{unit.unit or '1'}]"
+    at = course.at[order]
+    band(ax, at, (value - NORMAL * sd)[order], (value + NORMAL * sd)[order], label="95 % interval")
+    ax.axhline(0.0, **ZERO)
+    ax.plot(at, value[order], **look(INK, 1.2, "estimate"))
+    first = "distance until a place is first passed [m]" if placed else "time along the recordings [s]"
+    ax.set(xlabel=first, ylabel=f"deviation of\n{words}", xlim=(at[0], at[-1]) if at[-1] > at[0] else None)
+    if placed:
+        _course_at_places(sheet.grid[0, 1], course, value, words)
+    caption = (
+        f"Estimated course of {course.effect} {'along the path' if placed else 'over time'}, less its constant part, "
+        "with its 95 % interval."
+    )
+    return Drawing("gap_course", sheet, caption, f"Course of {name}.")
+
+
+def _course_at_places(ax: Axes, course: MagnitudeCourse, value: Array, words: str) -> None:
+    most = max(float(np.max(np.abs(value))), 1e-300)
+    share = np.abs(value) / most
+    colours = np.where(value > 0, BLUE, RUST)
+    faces = [to_rgba_array(colour, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * by)[0]
+             for colour, by in zip(colours.tolist(), share.tolist(), strict=True)]  # fmt: skip
+    order = np.argsort(share, kind="stable")
+    ax.scatter(course.x[order], course.y[order], DOT**2, facecolors=np.array(faces)[order], edgecolors=PALE,
+               linewidths=0.25)  # fmt: skip
+    ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
+    scale = [(0.0, number(-most, 2)), (0.5, "0"), (1.0, number(most, 2))]
+    shades(ax, scale, words, BLUE, RUST, opacity=PATH_OPACITY)
 
 
 LEAST_DENSITY = 3.0
