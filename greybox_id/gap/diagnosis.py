@@ -176,7 +176,6 @@ class _Causes:
 def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> _Causes:
     """Causes that are significant, and that close enough of the gap by its budget."""
     ways = witnesses(examined, examined.best) if examined.best.candidates else []
-    ways = ways[: 1 if held_out else None]  # closure on held-out recordings is better evidence than free runs of these
     reasons, chances = insignificant(examined, ways, CAL.by_chance)
     leave, _ = insignificant(examined, ways, CAL.present)
     doubtful = set(reasons) - set(leave)
