@@ -44,21 +44,35 @@ static void begin(v *x, v *P, ptrdiff_t n, ptrdiff_t nz, const double *start, co
     }
 }
 
-void likelihood(ptrdiff_t segments, ptrdiff_t nz, ptrdiff_t n, ptrdiff_t channels, ptrdiff_t forces, ptrdiff_t lanes,
-    const double *F, const double *H, const double *sd, const double *fade, const double *colours, const double *slow,
-    const double *white, const double *start, const unsigned char *first, const ptrdiff_t *pointer,
-    const ptrdiff_t *channel, const double *r, double *gain, double *size, double *logarithm, double *innovation,
-    double *nll, double *scratch)
+/* a row of values in vectors, the last of which may be filled in part only; and back */
+static INLINE void loaded(v *to, const double *from, ptrdiff_t count)
 {
-    const ptrdiff_t slow_errors = n - nz - forces;
+    ptrdiff_t q = 0;
+    for (; q < count / W; q++) to[q] = (v)*(const u *)(from + q * W);
+    if (count % W) memcpy(to + q, from + q * W, count % W * sizeof(double));
+}
+static INLINE void stored(const v *from, double *to, ptrdiff_t count)
+{
+    ptrdiff_t q = 0;
+    for (; q < count / W; q++) *(u *)(to + q * W) = (u)from[q];
+    if (count % W) memcpy(to + q * W, from + q, count % W * sizeof(double));
+}
+
+void filtered(ptrdiff_t segments, ptrdiff_t nz, ptrdiff_t n, ptrdiff_t channels, ptrdiff_t slow_errors, ptrdiff_t lanes,
+    const double *F, const double *H, const double *start, const double *colours, const double *slow, const double *sd,
+    const double *fade, const double *white, const unsigned char *first, const ptrdiff_t *pointer,
+    const ptrdiff_t *channel, const double *r, double *innovation, double *variance, double *gain, double *scratch)
+{
+    const ptrdiff_t forces = n - nz - slow_errors;
     v *const P = (v *)(((size_t)scratch + sizeof(v) - 1) / sizeof(v) * sizeof(v));
     v *const M = P + n * n, *const N = M + nz * n, *const x = N + nz * n, *const g = x + n, *const K = g + n, *const moved = K + n;
     v *const decay = moved + n, *const driven = decay + n, *const colour = driven + n;
     for (ptrdiff_t lane = 0; lane < lanes; lane += W) {
-        v total = splat(0);
+        const ptrdiff_t count = lanes - lane < W ? lanes - lane : W;
         for (ptrdiff_t m = 0; m < slow_errors; m++) colour[m] = of_lanes(colours + m * lanes, lane, lanes);
-        for (ptrdiff_t k = 0; k < segments; k++, sd += forces * lanes, fade += forces * lanes) {
-            if (first[k]) begin(x, P, n, nz, start, colour, slow_errors, sd, lane, lanes);
+        for (ptrdiff_t k = 0; k < segments; k++) {
+            const double *const now = sd + k * forces * lanes, *const next = now + forces * lanes;
+            if (first[k]) begin(x, P, n, nz, start, colour, slow_errors, now, lane, lanes);
             for (ptrdiff_t i = pointer[k]; i < pointer[k + 1]; i++) {
                 const double *const h = H + (k * channels + channel[i]) * n;
                 v s = of_lanes(white + channel[i] * lanes, lane, lanes), nu = splat(r[i]);
@@ -75,16 +89,10 @@ void likelihood(ptrdiff_t segments, ptrdiff_t nz, ptrdiff_t n, ptrdiff_t channel
                 }
                 for (ptrdiff_t a = 0; a < n; a++)
                     for (ptrdiff_t b = 0; b < n; b++) P[a * n + b] = fused(-g[a], K[b], P[a * n + b]);
-                const v log_s = v_log(s);
-                total += splat(0.5) * fused(nu * nu, precision, log_s);
-                for (int l = 0; logarithm && l < W && lane + l < lanes; l++) {
-                    logarithm[i * lanes + lane + l] = log_s[l];
-                    innovation[i * lanes + lane + l] = nu[l];
-                }
-                if (size && lane == 0) {
-                    size[i] = sqrt(s[0]);
+                stored(&nu, innovation + i * lanes + lane, count);
+                stored(&s, variance + i * lanes + lane, count);
+                if (lane == 0)
                     for (ptrdiff_t a = 0; a < n; a++) gain[i * n + a] = K[a][0];
-                }
             }
             if (k + 1 == segments || first[k + 1]) continue;
             const double *const f = F + k * nz * n;
@@ -94,9 +102,9 @@ void likelihood(ptrdiff_t segments, ptrdiff_t nz, ptrdiff_t n, ptrdiff_t channel
                 driven[m] = colour[m] * colour[m] * (splat(1) - faded * faded);
             }
             for (ptrdiff_t j = 0; j < forces; j++) {
-                const v kept = of_lanes(fade + j * lanes, lane, lanes), now = of_lanes(sd + j * lanes, lane, lanes);
-                const v later = of_lanes(sd + (forces + j) * lanes, lane, lanes);
-                decay[slow_errors + j] = kept * later / now;
+                const v kept = of_lanes(fade + (k * forces + j) * lanes, lane, lanes);
+                const v later = of_lanes(next + j * lanes, lane, lanes);
+                decay[slow_errors + j] = kept * later / of_lanes(now + j * lanes, lane, lanes);
                 driven[slow_errors + j] = later * later * (splat(1) - kept * kept);
             }
             for (ptrdiff_t a = 0; a < nz; a++) {
@@ -116,24 +124,7 @@ void likelihood(ptrdiff_t segments, ptrdiff_t nz, ptrdiff_t n, ptrdiff_t channel
                 P[a * n + a] += driven[a - nz];
             }
         }
-        sd -= segments * forces * lanes;
-        fade -= segments * forces * lanes;
-        for (int l = 0; l < W && lane + l < lanes; l++) nll[lane + l] = total[l];
     }
-}
-
-/* a row of values in vectors, the last of which may be filled in part only; and back */
-static INLINE void loaded(v *to, const double *from, ptrdiff_t count)
-{
-    ptrdiff_t q = 0;
-    for (; q < count / W; q++) to[q] = (v)*(const u *)(from + q * W);
-    if (count % W) memcpy(to + q, from + q * W, count % W * sizeof(double));
-}
-static INLINE void stored(const v *from, double *to, ptrdiff_t count)
-{
-    ptrdiff_t q = 0;
-    for (; q < count / W; q++) *(u *)(to + q * W) = (u)from[q];
-    if (count % W) memcpy(to + q * W, from + q, count % W * sizeof(double));
 }
 
 /* columns that are whitened side by side: with a dozen states they fit into a first-level cache */

@@ -28,7 +28,7 @@ from ...models.vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CAL
 from .descent import Curve, descended
-from .error_kernel import innovations, likelihood
+from .error_filter import filtered, innovations
 from .unknown_forces import FORCES, SCALES
 
 
@@ -305,10 +305,8 @@ class ModelError:
 def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
     """The filter for these amplitudes; only usable readings count."""
     kept = _only(about, usable)
-    readings = len(kept.row)
-    gain, size = np.empty((readings, kept.transition.shape[2])), np.empty(readings)
-    _filtered(kept, [amplitudes], unknown_forces(kept, [amplitudes]), np.zeros(readings), gain, size)
-    return ModelError(kept, amplitudes, usable, gain, size)
+    _, variance, gain = _filtered(kept, [amplitudes], unknown_forces(kept, [amplitudes]), np.zeros(len(kept.row)))
+    return ModelError(kept, amplitudes, usable, gain, np.sqrt(variance[:, 0]))
 
 
 def estimated(
@@ -465,16 +463,20 @@ def negative_log_likelihood(
     if more is not None:
         pairs = ((forces.sd, more.sd), (forces.correlation, more.correlation))
         forces = Processes(*(np.concatenate(pair, axis=1) for pair in pairs))
-    return _filtered(about, lanes, forces, r, np.empty((0, 0)), np.empty(0), fisher)
+    nu, variance, _ = _filtered(about, lanes, forces, r)
+    logarithm = np.log(variance)
+    if fisher is not None:
+        loud, off = np.sqrt(0.5) * (logarithm - logarithm[:, :1]), (nu - nu[:, :1]) / np.sqrt(variance[:, :1])
+        fisher += loud.T @ loud + off.T @ off
+    return np.asarray(0.5 * (np.einsum("rl,rl->l", nu, nu / variance) + np.sum(logarithm, axis=0)))
 
 
 def _filtered(
-    about: Linearised, lanes: Sequence[Amplitudes], forces: Processes, r: Array, gain: Array, size: Array,
-    fisher: Array | None = None,
-) -> Array:  # fmt: skip
-    colour, slow = _slow(about, lanes)
+    about: Linearised, lanes: Sequence[Amplitudes], forces: Processes, r: Array
+) -> tuple[Array, Array, Array]:
+    """Innovations and their variances, (R, L), and gains, (R, n), of the first lane."""
     white = np.ascontiguousarray(np.array([lane.noise for lane in lanes]).T ** 2)
-    return likelihood(
-        about.transition, about.output, forces.sd, forces.correlation, colour, slow, white, about.start, about.first,
-        about.pointer, about.channel, r, gain, size, np.empty((0, 0)) if fisher is None else fisher,
+    return filtered(
+        about.transition, about.output, about.start, *_slow(about, lanes), forces.sd, forces.correlation, white,
+        about.first, about.pointer, about.channel, r,
     )  # fmt: skip

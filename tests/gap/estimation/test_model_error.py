@@ -6,7 +6,7 @@ from gap_cases import NOISE, lap, nominal
 from scipy.linalg import block_diag
 from scipy.optimize import minimize
 
-from greybox_id.gap.estimation import error_kernel
+from greybox_id.gap.estimation import error_filter
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.model_error import (
     Amplitudes,
@@ -183,7 +183,7 @@ def test_c_and_numba_give_the_same_numbers(bench, about, monkeypatch):
         return nll, fisher, filter_.gain, filter_.size, filter_.white(values)
 
     in_c = numbers()
-    monkeypatch.setattr(error_kernel, "_library", lambda: None)
+    monkeypatch.setattr(error_filter, "_library", lambda: None)
     for one, other in zip(in_c, numbers(), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.max(np.abs(other)))
 
