@@ -15,7 +15,6 @@ from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from ...models.memory_model import MemoryModel
 from ...models.parameter import Parameter
-from .calibration import CAL
 
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
@@ -125,7 +124,6 @@ class Candidate:
     ----------
     effect : its name.
     axes : its magnitude first, then second parameters.
-    starts : coordinates from which it is searched for; empty where the derivative at the null suffices.
     gradual : whether the derivative at the null describes larger magnitudes.
     part : where it acts; None: everywhere.
     never_beside : effects that are other forms of it.
@@ -134,7 +132,6 @@ class Candidate:
 
     effect: str
     axes: tuple[Axis, ...]
-    starts: tuple[tuple[float, ...], ...] = ()
     gradual: bool = True
     part: ActingRows | None = None
     never_beside: frozenset[str] = frozenset()
@@ -188,27 +185,11 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
         index, parameter = places[effect.parameter.name]
         main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
         seconds = [_second(*places[other.name]) for other in effect.others]
-        gradual = effect.gradual and not main.shift
-        if gradual and not seconds:
-            result.append(Candidate(name, (main,), reads=_reads(effect, model)))
-            continue
         if any(second.unit == "rad" for second in seconds):  # with a direction, the magnitude has no sign
             main = replace(main, low=max(main.low, 0.0))
-        typical = main.coordinate(effect.typical)
-        if gradual:
-            firsts = [main.null + CAL.gradual_start * (typical - main.null)]
-        else:
-            firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
-        for form in product(*(_forms(second) for second in seconds)):
-            starts = tuple(
-                product([f for f in firsts if main.low <= f <= main.high], *(_search_starts(item) for item in form))
-            )
-            result.append(
-                Candidate(
-                    name, (main, *form), starts, gradual,
-                    never_beside=frozenset(effect.instead_of), reads=_reads(effect, model),
-                )
-            )  # fmt: skip
+        gradual, instead_of = effect.gradual and not main.shift, frozenset(effect.instead_of)
+        for form in product(*map(_forms, seconds)):
+            result.append(Candidate(name, (main, *form), gradual, never_beside=instead_of, reads=_reads(effect, model)))
     return tuple(result)
 
 
@@ -261,13 +242,6 @@ def _forms(second: Axis) -> tuple[Axis, ...]:
     if (second.low, second.high) != SHARE:
         return (second,)
     return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
-
-
-def _search_starts(second: Axis) -> tuple[float, ...]:
-    """Coordinates at which searches begin in a second parameter."""
-    if second.unit == "rad":
-        return DIRECTIONS
-    return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))
 
 
 def _second(index: int, parameter: Parameter) -> Axis:

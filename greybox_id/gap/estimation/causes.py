@@ -104,22 +104,12 @@ def _cause(
 
 def _form(candidate: Candidate, usual: float) -> Form:
     main, *others = candidate.axes
-    axes, ways = list[Axis](), list[tuple[float, ...]]()
-    for axis in others:
-        if axis.low == axis.high:
-            ways.append((axis.low,))
-            axes.append(axis)
-            continue
-        free, at = _with_prior(axis)
-        axes.append(free)
-        ways.append(at)
-    seconds = tuple(axis for axis in axes if axis.low < axis.high)
+    placed = [_with_prior(axis) if axis.low < axis.high else (axis, (axis.low,)) for axis in others]
+    axes = tuple(axis for axis, _ in placed)
     sizes = (CAL.gradual_start,) if candidate.gradual else CAL.abrupt_sizes
-    firsts = [main.null + f * usual for f in sizes]
-    if not candidate.gradual or seconds or len(axes):
-        starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
-    else:
-        starts = ()
+    firsts = [at for at in (main.null + f * usual for f in sizes) if main.low <= at <= main.high]
+    starts = tuple(product(firsts, *(at for _, at in placed))) if axes or not candidate.gradual else ()
+    seconds = tuple(axis for axis in axes if axis.low < axis.high)
     return Form(replace(candidate, axes=(main, *axes)), seconds, starts)
 
 

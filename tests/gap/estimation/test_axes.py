@@ -7,7 +7,7 @@ from gap_cases import CAR, axis, nominal
 from hypothesis import given
 from hypothesis import strategies as st
 
-from greybox_id.gap.estimation.axes import DIRECTIONS, candidates, nuisances, shifting
+from greybox_id.gap.estimation.axes import candidates, nuisances, shifting
 from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Stated
@@ -61,23 +61,6 @@ def test_every_candidate_stands_where_the_model_has_it(model):
 def test_a_second_parameter_that_says_how_much_goes_along_makes_two_forms():
     forms = candidates(found()[0], {"grip_scale": EFFECTS["grip_scale"]}, frozenset())
     assert [(own.held, own.free) for own in forms] == [((0.0,), 1), ((1.0,), 1)]
-    assert all(start[1:] == own.held for own in forms for start in own.starts)
-
-
-def test_every_start_lies_within_bounds_and_off_the_null():
-    for candidate in found()[1].values():
-        for start in candidate.starts:
-            assert len(start) == len(candidate.axes)
-            assert start[0] != candidate.axes[0].null
-            for each, coordinate in zip(candidate.axes, start, strict=True):
-                assert each.low <= coordinate <= each.high
-
-
-def test_effects_that_a_derivative_tells_all_about_need_no_starts():
-    own = found()[1]
-    assert all(own[name].starts == () for name in ("mass_change", "road_slope", "steering_ratio", "yaw_rate_bias"))
-    abrupt = ("steering_delay", "sensor_latency_yaw", "steering_backlash", "steering_rate_limit", "motor_saturation")
-    assert all(own[name].starts and not own[name].gradual for name in abrupt)
 
 
 def test_effects_of_sensors_say_which_outputs_they_change():
@@ -98,10 +81,15 @@ def test_delays_and_latencies_are_what_moves_instants():
     assert not own["mass_change"].axes[0].abrupt
 
 
-def test_a_direction_is_searched_all_round_and_its_magnitude_has_no_sign():
-    wind = found()[1]["wind_gust"]
-    assert wind.axes[0].low == 0.0
-    assert {start[1] for start in wind.starts} == set(DIRECTIONS)
+def test_a_magnitude_with_a_direction_has_no_sign():
+    assert found()[1]["wind_gust"].axes[0].low == 0.0
+
+
+def test_what_moves_instants_or_is_bounded_is_not_gradual():
+    own = found()[1]
+    assert all(own[name].gradual for name in ("mass_change", "road_slope", "steering_ratio", "yaw_rate_bias"))
+    abrupt = ("steering_delay", "sensor_latency_yaw", "steering_backlash", "steering_rate_limit", "motor_saturation")
+    assert not any(own[name].gradual for name in abrupt)
 
 
 def test_effects_of_scatter_are_no_directions():

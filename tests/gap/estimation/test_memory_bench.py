@@ -105,8 +105,8 @@ def test_weights_are_held_and_no_instant_moves():
         assert all(parameter.fixed for parameter in prepared.everything.parameters)
     assert shifting(prepared.everything) == frozenset()
     own = {each.effect: each for each in candidates(prepared.everything, prepared.effects, frozenset())}
-    assert not own["sensor_latency_imu"].starts
-    assert own["steering_rate_limit"].starts
+    assert own["sensor_latency_imu"].gradual
+    assert not own["steering_rate_limit"].gradual
     assert own["steering_rate_limit"].axes[0].inverse
     stated = prepare(model, [drive(60)], EFFECTS, Vehicle("car", {"m": Stated(3.4, 0.1)}))
     assert [own.name for own in stated.nominal.parameters if not own.fixed] == ["m"]
