@@ -10,8 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from itertools import combinations
-from math import factorial
+from math import comb
 from typing import TypeVar
 
 import numpy as np
@@ -31,10 +30,11 @@ from .estimation.calibration import CAL
 from .estimation.free_runs import (
     Misfit,
     at_their_best,
-    freed_tolerances,
     inliers,
     misfit,
     of_subsets,
+    refitted_tolerances,
+    subsets,
 )
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.noise import blocks, white_noise
@@ -46,11 +46,6 @@ from .selection import refitted
 
 Set = frozenset[str]
 Refit = TypeVar("Refit", Hypothesis, Misfit)
-
-
-def subsets(names: tuple[str, ...]) -> list[Set]:
-    """All sets of some names, the empty one first, all of them last."""
-    return [frozenset(combination) for size in range(len(names) + 1) for combination in combinations(names, size)]
 
 
 def budget(
@@ -83,9 +78,7 @@ def budget(
     sums[:, 1:-2] = np.minimum(sums[:, 1:-2], np.maximum(sums[:, :1], sums[:, -2:-1]))
     charges = np.array([misfits[item].charge for item in sets])
     without = [sets.index(frozenset(names) - {name}) for name in names]
-    weights = np.array([[shapley_weight(name, item, len(names)) for item in sets] for name in names]).reshape(
-        len(names), -1
-    )
+    weights = shapley_weights(names)
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
@@ -115,11 +108,13 @@ def budget(
     return Budget(tuple(result[:n]), result[n], recordings, held_out, shows, tuple(result[n + 1 :]))
 
 
-def shapley_weight(name: str, value: Set, n: int) -> float:
-    """Weight of the error with a set of effects in the Shapley value of one of them."""
-    if name in value:
-        return -factorial(len(value) - 1) * factorial(n - len(value)) / factorial(n)
-    return factorial(len(value)) * factorial(n - len(value) - 1) / factorial(n)
+def shapley_weights(names: tuple[str, ...]) -> Array:
+    """(names, sets) by which the errors with all sets of effects add up to the Shapley value of each effect."""
+    n = len(names)
+    return np.array([
+        [(-1 if name in item else 1) / (n * comb(n - 1, len(item - {name}))) for item in subsets(names)]
+        for name in names
+    ])  # fmt: skip
 
 
 def shared_out(
@@ -133,7 +128,7 @@ def shared_out(
     names = best.names
     if held_out:
         tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
-    refits = _OfHeldOut(examined, best, held_out) if held_out else _OfExamined(examined, best)
+    refits = _Refits(examined, best, held_out)
     if len(names) <= CAL.few:
         return refits.budget(refits.refitted(subsets(names)))
     whole = frozenset(names)
@@ -147,21 +142,30 @@ def shared_out(
     return refits.budget(refits.to_first_order(refits.refitted([frozenset(), *(whole - {k} for k in unsure), whole])))
 
 
-class _OfExamined:
-    """Refits of sets of effects on the diagnosed recordings.
+class _Refits:
+    """Errors of free runs with sets of a hypothesis' effects, tolerances refitted.
 
     Parameters
     ----------
     examined, best : what was examined, and the hypothesis whose effects these are.
+    held_out : recordings that chose nothing; where there are none, runs are those of the diagnosed ones.
     """
 
-    def __init__(self, examined: Examined, best: Hypothesis) -> None:
-        self.examined, self.best = examined, best
+    def __init__(self, examined: Examined, best: Hypothesis, held_out: Sequence[Recording]) -> None:
+        self.examined, self.best, self.held_out = examined, best, held_out
+        self.search, self._all = examined.selection.search, frozenset(best.names)
+        if held_out:
+            # as refitted on the diagnosed recordings, and with tolerances refitted to free runs of these
+            there = [self.search.values(best), self.search.values(examined.at_its_best(best))]
+            errors, self.search, self._whole = self._on_held_out(self._all, there, None)
+            self._known = {self._all: errors}
 
     def refitted(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
-        """Errors with these sets of effects, tolerances refitted."""
-        examined = self.examined
-        search, freed = examined.selection.search, examined.freed
+        """Errors with these sets of effects."""
+        return self._of_held_out(sets) if self.held_out else self._of_diagnosed(sets)
+
+    def _of_diagnosed(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
+        examined, search, freed = self.examined, self.search, self.examined.freed
         known = {frozenset(item.names): item for item in examined.selection.tried}
         more = [subset for subset in sets if subset not in freed]
         parts = [known.get(item) or refitted(search, self.best.only(item)) for item in more]
@@ -173,82 +177,55 @@ class _OfExamined:
             freed[whole] = min(freed[whole], again, key=by_cost)
         return {subset: misfit(search, freed[subset]) for subset in sets}
 
-    def to_first_order(self, known: Mapping[Set, Misfit]) -> dict[Set, Misfit]:
-        """Errors with every set of the effects, from those that are known."""
-        examined, search = self.examined, self.examined.selection.search
-        white = white_noise(examined.sd, examined.good, examined.bench.rows)
-        with search.counted(search.whitener if examined.unnamed is None else white):
-            freed = examined.freed[frozenset(self.best.names)]
-            search.about(freed)
-            return of_subsets(search, freed, _absent(examined, self.best, search), known)
-
-    def budget(self, misfits: Mapping[Set, Misfit]) -> Budget | None:
-        """The budget, from the errors with every set."""
-        examined, names = self.examined, self.best.names
-        good = inliers(misfits[frozenset(names)].e, examined.good, examined.bench)
-        recordings = tuple(recording.name for recording in examined.recordings)
-        return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
-
-
-class _OfHeldOut:
-    """Refits of sets of effects on held-out recordings.
-
-    Parameters
-    ----------
-    examined, best : what was examined, and the hypothesis whose effects these are.
-    held_out : recordings that chose nothing.
-    """
-
-    def __init__(self, examined: Examined, best: Hypothesis, held_out: Sequence[Recording]) -> None:
-        self.examined, self.best, self.held_out = examined, best, held_out
-        search = examined.selection.search
-        self._whole = frozenset(best.names)
-        # as refitted on the diagnosed recordings, and with tolerances refitted to free runs of these
-        there = [search.values(best), search.values(examined.at_its_best(best))]
-        errors, self._search, self._result = self._freed(self._whole, there, None)
-        self._known = {self._whole: errors}
-
-    def _freed(
-        self, subset: Set, there: Sequence[Mapping[str, float]], trust: float | None
-    ) -> tuple[Misfit, Search, Hypothesis]:
-        examined = self.examined
-        model = with_effects(examined, self.best, subset)
-        return freed_tolerances(model, self.held_out, examined.vehicle, examined.effects, examined.sd, there, trust)
-
-    def refitted(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
-        """Errors with these sets of effects, tolerances refitted."""
-        known, whole = self._known, self._known[self._whole]
+    def _of_held_out(self, sets: Sequence[Set]) -> dict[Set, Misfit]:
+        known, whole = self._known, self._known[self._all]
         for subset in (item for item in sets if item not in known):
             try:
-                known[subset], _, _ = self._freed(subset, [whole.values], whole.trust)
+                known[subset], _, _ = self._on_held_out(subset, [whole.values], whole.trust)
             except BadInput:  # with some effects alone, simulations may overflow
                 if not subset:
                     raise
                 known[subset] = known[frozenset()]
         for subset, less in _worse_than_subsets({item: known[item] for item in sets}):
             with suppress(BadInput):  # as before
-                again, search, result = self._freed(subset, [less.values], whole.trust)
+                again, search, result = self._on_held_out(subset, [less.values], whole.trust)
                 if again.cost < known[subset].cost:
                     known[subset] = again
-                    if subset == self._whole:
-                        self._search, self._result = search, result
+                    if subset == self._all:
+                        self.search, self._whole = search, result
         return {subset: known[subset] for subset in sets}
+
+    def _on_held_out(
+        self, subset: Set, there: Sequence[Mapping[str, float]], trust: float | None
+    ) -> tuple[Misfit, Search, Hypothesis]:
+        examined, model = self.examined, with_effects(self.examined, self.best, subset)
+        return refitted_tolerances(model, self.held_out, examined.vehicle, examined.effects, examined.sd, there, trust)
 
     def to_first_order(self, known: Mapping[Set, Misfit]) -> dict[Set, Misfit]:
         """Errors with every set of the effects, from those that are known."""
-        self._search.about(self._result)
-        absent = _absent(self.examined, self.best, self._search)
-        return of_subsets(self._search, self._result, absent, known)
+        examined, search = self.examined, self.search
+        mains = {each.effect: each.axes[0] for each in self.best.candidates}
+        if self.held_out:
+            whole, whitener = self._whole, search.whitener
+            places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
+        else:
+            whole, white = examined.freed[self._all], white_noise(examined.sd, examined.good, examined.bench.rows)
+            whitener = search.whitener if examined.unnamed is None else white
+            places = {axis.name: axis.index for axis in mains.values()}
+        absent = {name: {places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
+        with search.counted(whitener):
+            search.about(whole)
+            return of_subsets(search, whole, absent, known)
 
     def budget(self, misfits: Mapping[Set, Misfit]) -> Budget | None:
-        """The budget, and how far all effects together close the gap."""
-        sd, bench, names = self.examined.sd, self._search.bench, self.best.names
-        nothing, whole = misfits[frozenset()], misfits[self._whole]
-        good = inliers(whole.e, without_stale_rows(bench), bench)
-        recordings = tuple(item.name for item in self.held_out)
-        shared = budget(misfits, names, sd, good, bench, recordings, True)
-        if shared is None:
-            return None
+        """The budget, from the errors with every set; held out, with how far all effects together close the gap."""
+        sd, bench, names = self.examined.sd, self.search.bench, self.best.names
+        nothing, whole = misfits[frozenset()], misfits[self._all]
+        good = inliers(whole.e, without_stale_rows(bench) if self.held_out else self.examined.good, bench)
+        recordings = tuple(recording.name for recording in self.held_out or self.examined.recordings)
+        shared = budget(misfits, names, sd, good, bench, recordings, bool(self.held_out))
+        if shared is None or not self.held_out:
+            return shared
         return replace(shared, together=closed_by(nothing, whole, sd, good & np.isfinite(nothing.e), bench, recordings))
 
 
@@ -259,14 +236,6 @@ def _worse_than_subsets(each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]
             less = each.get(whole - {name})
             if less is not None and less.cost < each[whole].cost:
                 yield whole, less
-
-
-def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:
-    """Effect of the best hypothesis -> index of its magnitude's parameter -> the value without the effect."""
-    same = search is examined.selection.search
-    places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
-    mains = {each.effect: each.axes[0] for each in best.candidates}
-    return {name: {axis.index if same else places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
 
 
 def closes(shared: Budget | None, name: str) -> float:

@@ -75,7 +75,7 @@ def closed_model(
     verified = shared.together if shared is not None else None
     if verified is None:
         verified = closure(
-            nominal, added, held_out, examined.vehicle, examined.effects, False, examined.sd, as_it_stands=closed
+            nominal, added, held_out, examined.vehicle, examined.effects, examined.sd, as_it_stands=closed
         )
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):

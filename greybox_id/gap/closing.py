@@ -17,7 +17,7 @@ from ..base.signals import unit_of
 from ..base.statistics import resampled
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
-from ..fitting.scores.horizons import Errors, by_horizon, diverges
+from ..fitting.scores.horizons import Errors, diverges
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
 from .estimation.calibration import CAL
@@ -33,7 +33,6 @@ def closure(
     recordings: Sequence[Recording],
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
-    horizons: bool = True,
     sd: Array | None = None,
     as_it_stands: Diagnosed | None = None,
 ) -> Closure:
@@ -45,22 +44,19 @@ def closure(
     recordings : on which both are simulated.
     vehicle : its stated tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
-    horizons : whether to compute errors over fixed horizons, too.
     sd : as of `refitted_tolerances`.
-    as_it_stands : the model whose errors over horizons are computed, with other tolerances; None takes `after`.
+    as_it_stands : `after` with other tolerances, at which refits begin; None: its own.
     """
-    stands = as_it_stands or after
-    there = {parameter.name: float(parameter.array) for parameter in stands.parameters if parameter.shape == ()}
-    then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, [there])
-    first = then
+    there = {one.name: float(one.array) for one in (as_it_stands or after).parameters if one.shape == ()}
+    then, search, _ = refitted_tolerances(after, recordings, vehicle, effects, sd, [there])
+    first, bench = then, search.bench
     if after is not before:
-        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, [{**there, **then.values}], then.trust)
+        there |= then.values
+        first, _, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, [there], then.trust)
     noise, known = stated_noise(bench, vehicle, then.e)
     sd = noise if known or sd is None else sd
     good = inliers(then.e, without_stale_rows(bench), bench) & np.isfinite(first.e)
-    names = tuple(recording.name for recording in recordings)
-    closure = closed_by(first, then, sd, good, bench, names)
-    return replace(closure, errors=by_horizon(before, stands, recordings, sd)) if horizons else closure
+    return closed_by(first, then, sd, good, bench, tuple(recording.name for recording in recordings))
 
 
 def closed_by(

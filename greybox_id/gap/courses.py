@@ -11,7 +11,7 @@ from ..datasets.recording import Recording
 from .closed_model import with_effects
 from .closing import closed_by
 from .estimation.bench import Bench
-from .estimation.free_runs import freed_tolerances, inliers
+from .estimation.free_runs import inliers, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
 from .estimation.preparing import excerpt
 from .estimation.variance import without_stale_rows
@@ -68,7 +68,7 @@ def _verified(
     if effect.parameter.name not in model:
         model = model + effect.at(float(effect.parameter.array))
     there = [search.values(best), search.values(examined.at_its_best(best))]
-    _, its, freed = freed_tolerances(model, held_out, examined.vehicle, examined.effects, examined.sd, there)
+    _, its, freed = refitted_tolerances(model, held_out, examined.vehicle, examined.effects, examined.sd, there)
     bench = its.bench
     assert isinstance(bench, Bench)
     places, good = Places.of(bench, excerpt(held_out)), without_stale_rows(bench)

@@ -79,5 +79,5 @@ def _closed(case: Path, held_out: Path, after: MotionModel) -> float:
     """Share of the gap that a model closes on a held-out recording."""
     stated, mapping = vehicle(case / "vehicle.toml"), case / COLUMNS
     recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
-    result = closure(motion_model_of(stated), after, [recording], stated, EFFECTS, horizons=False)
+    result = closure(motion_model_of(stated), after, [recording], stated, EFFECTS)
     return float(result.closed)

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.gap.budget import _OfExamined, budget, subsets
-from greybox_id.gap.estimation.free_runs import Misfit
+from greybox_id.gap.budget import _Refits, budget
+from greybox_id.gap.estimation.free_runs import Misfit, subsets
 from greybox_id.gap.estimation.hypothesis import Hypothesis
 
 ROWS, SD = 2000, np.array([1.0, 2.0])
@@ -128,7 +128,7 @@ def test_a_set_that_leaves_more_than_without_one_of_its_effects_is_refitted_from
     monkeypatch.setattr("greybox_id.gap.budget.at_their_best", refits)
     monkeypatch.setattr("greybox_id.gap.budget.misfit", lambda _search, item: item)
     examined = SimpleNamespace(selection=SimpleNamespace(search=None, tried=()), freed=freed, sd=None, good=None)
-    _OfExamined(examined, None).refitted(subsets(("a", "b")))
+    _Refits(examined, SimpleNamespace(names=("a", "b")), ()).refitted(subsets(("a", "b")))
     assert starts == [0.0, 1.0]  # b alone from nothing, both from a
     assert {"".join(sorted(item)): each.cost for item, each in freed.items()} == {
         "": 9.0,

@@ -36,7 +36,7 @@ def laps():
 
 def closed(laps, effects, vehicle=EXACT, before=None):
     own = [build("lateral", None, each, vehicle) for each in (before or {}, effects)]
-    return closure(*own, laps, vehicle, EFFECTS, horizons=False)
+    return closure(*own, laps, vehicle, EFFECTS)
 
 
 def test_the_truth_closes_the_gap(laps):

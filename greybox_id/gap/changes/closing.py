@@ -9,8 +9,9 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.statistics import resampled
-from ..budget import shapley_weight, subsets
+from ..budget import shapley_weights
 from ..estimation.calibration import CAL
+from ..estimation.free_runs import subsets
 from ..gap import Budget, Closure, Share
 from .between_runs import Common, RunExplained, values_of
 from .innovations import FollowedRun
@@ -51,9 +52,9 @@ def budget_of(
     """
     if not applied:
         return None
-    sets = subsets(tuple(applied.values()))
-    means = [np.where([applied.get(k) in some for k in range(len(mean))], mean, known.x) for some in sets]
-    weights = np.array([[shapley_weight(name, some, len(applied)) for some in sets] for name in applied.values()])
+    effects = tuple(applied.values())
+    weights = shapley_weights(effects)
+    means = [np.where([applied.get(k) in some for k in range(len(mean))], mean, known.x) for some in subsets(effects)]
 
     def shares(total: Array) -> Array:
         E = total[:-1] / total[-1]
@@ -64,7 +65,7 @@ def budget_of(
     sums = _squares(known, rides, means)
     low, high = resampled(sums, shares, CAL.draws)
     result = [Share(name, float(s), float(a), float(b))
-              for name, s, a, b in zip((*applied.values(), "unexplained"), shares(np.sum(sums, axis=0)), low, high,
+              for name, s, a, b in zip((*effects, "unexplained"), shares(np.sum(sums, axis=0)), low, high,
                                        strict=True)]  # fmt: skip
     return Budget(tuple(result[:-1]), result[-1], names, held_out)
 

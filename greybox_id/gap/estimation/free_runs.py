@@ -59,20 +59,6 @@ def refitted_tolerances(
     sd: Array | None = None,
     start_values: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
-) -> tuple[Misfit, FreeRuns]:
-    """Errors of a model whose tolerances are refitted to recordings; parameters as of `freed_tolerances`."""
-    errors, search, _ = freed_tolerances(model, recordings, vehicle, effects, sd, start_values, trust)
-    return errors, search.bench
-
-
-def freed_tolerances(
-    model: Diagnosed,
-    recordings: Sequence[Recording],
-    vehicle: Vehicle | None,
-    effects: Mapping[str, Effect],
-    sd: Array | None = None,
-    start_values: Sequence[Mapping[str, float]] = (),
-    trust: float | None = None,
 ) -> tuple[Misfit, Search, Hypothesis]:
     """Errors of a model whose tolerances are refitted to recordings, the search, and the refitted hypothesis.
 
@@ -189,6 +175,21 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     return again[0] if again else hypothesis
 
 
+def to_first_order(search: Search, hypothesis: Hypothesis, e: Array) -> Misfit:
+    """Errors, (N, channels), of which the nuisances of a hypothesis, refitted to first order, explain what they can."""
+    u = np.concatenate([hypothesis.theta, hypothesis.linear])
+    g = search.white.T @ search.weighed(e[:, :, None]).ravel() + search.precision @ (u - search.means)
+    H, free = search.gram + search.precision, np.ones(len(u), dtype=bool)
+    step = least_within(H, g, search.low - u, search.high - u, free, CAL.ridge)
+    off = u + step - search.means
+    return Misfit(e + search.moved_by(step), float(off @ search.precision @ off) / search.trust, search.trust)
+
+
+def subsets(names: tuple[str, ...]) -> list[frozenset[str]]:
+    """All sets of some names, the empty one first, all of them last."""
+    return [frozenset(combination) for size in range(len(names) + 1) for combination in combinations(names, size)]
+
+
 def of_subsets(
     search: Search, whole: Hypothesis, absent: Mapping[str, Mapping[int, float]], known: Mapping[frozenset[str], Misfit]
 ) -> dict[frozenset[str], Misfit]:
@@ -201,27 +202,15 @@ def of_subsets(
     absent : effect -> index of a parameter -> its value where the effect is absent.
     known : sets whose errors are known from refits.
     """
-    names = tuple(absent)
-    p = search.vector(whole)
-    ways = [p]
-    for name in names:
-        q = p.copy()
-        for index, value in absent[name].items():
-            q[index] = value
-        ways.append(q)
+    ways = [search.vector(whole)]
+    for changed in absent.values():
+        ways.append(ways[0].copy())
+        ways[-1][[*changed]] = [*changed.values()]
     e = search.residuals(ways)
-    each = {name: np.nan_to_num(changed - e[0]) for name, changed in zip(names, e[1:], strict=True)}
-    sets = [frozenset(item) for size in range(len(names) + 1) for item in combinations(names, size)]
-    rest = [item for item in sets if item not in known]
-    u = np.concatenate([whole.theta, whole.linear])
-    H = search.gram + search.precision
+    each = dict(zip(absent, np.nan_to_num(e[1:] - e[0]), strict=True))
     result = dict(known)
-    for item in rest:
-        left = whole.e + sum((each[name] for name in names if name not in item), start=np.zeros_like(whole.e))
-        r = search.weighed(left[:, :, None]).ravel()
-        g = search.white.T @ r + search.precision @ (u - search.means)
-        step = least_within(H, g, search.low - u, search.high - u, np.ones(len(u), dtype=bool), CAL.ridge)
-        off = u + step - search.means
-        charge = float(off @ search.precision @ off) / search.trust
-        result[item] = Misfit(left + search.moved_by(step), charge, search.trust)
+    for item in subsets(tuple(absent)):
+        if item not in known:
+            missing = [each[name] for name in absent if name not in item]
+            result[item] = to_first_order(search, whole, whole.e + sum(missing, start=np.zeros_like(whole.e)))
     return result

@@ -20,11 +20,10 @@ from scipy.spatial.distance import cdist
 
 from ...base.shorthands import Array, Mask
 from ...datasets.recording import Recording
-from ...engine.solvers.gauss_newton import least_within
 from .axes import Axis
 from .bench import Bench
 from .calibration import CAL
-from .free_runs import Misfit, misfit
+from .free_runs import Misfit, misfit, to_first_order
 from .hypothesis import Hypothesis
 from .model_error import Amplitudes, ForceSizes, linearised, model_error
 from .noise import white_noise
@@ -193,14 +192,7 @@ def with_course(
     response = responses(bench, search.vector(freed), index, (course.weights(places) @ course.value)[:, None])[..., 0]
     with search.counted(white_noise(sd, good, bench.rows)):
         search.about(freed, delays=False)
-        u = np.concatenate([freed.theta, freed.linear])
-        g = search.white.T @ search.weighed((freed.e + response)[:, :, None]).ravel()
-        g += search.precision @ (u - search.means)
-        H, free = search.gram + search.precision, np.ones(len(u), dtype=bool)
-        step = least_within(H, g, search.low - u, search.high - u, free, CAL.ridge)
-        off = u + step - search.means
-        after = Misfit(freed.e + response + search.moved_by(step), float(off @ search.precision @ off) / search.trust)
-        return misfit(search, freed), after
+        return misfit(search, freed), to_first_order(search, freed, freed.e + response)
 
 
 def responses(bench: Bench, p: Array, index: int, weights: Array) -> Array:

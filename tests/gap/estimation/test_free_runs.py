@@ -54,8 +54,8 @@ def test_what_noise_does_not_explain_does_not_press_tolerances_to_where_they_rea
         "car", CAR.values, {name: Stated(sd=0.01) for name in ("steering_ratio", "yaw_rate_scale")}, NOISE
     )
     model = build("lateral", None, {}, tolerant)
-    found, _ = refitted_tolerances(model, own, tolerant, EFFECTS)
-    trusting, _ = refitted_tolerances(model, own, tolerant, EFFECTS, trust=1.0)
+    found, _, _ = refitted_tolerances(model, own, tolerant, EFFECTS)
+    trusting, _, _ = refitted_tolerances(model, own, tolerant, EFFECTS, trust=1.0)
     assert found.trust < 0.2
     assert found.charge < 0.2 * trusting.charge
     assert np.sum(trusting.e**2) <= np.sum(found.e**2)
@@ -75,8 +75,8 @@ def test_forms_of_a_vehicle_are_within_what_its_model_leaves_out(form, channel, 
     recording, _ = drive(car, "mixed", 40.0, seed=100, forms=Forms(**form))
 
     def left():
-        found, bench = refitted_tolerances(model_of(stated), [recording], stated, EFFECTS)
-        return np.sum((found.e[:, bench.channels.index(channel)] / stated.noise[channel]) ** 2), found.charge
+        found, search, _ = refitted_tolerances(model_of(stated), [recording], stated, EFFECTS)
+        return np.sum((found.e[:, search.bench.channels.index(channel)] / stated.noise[channel]) ** 2), found.charge
 
     misfit, charge = left()
     monkeypatch.setattr(preparing, "with_roughness", lambda model, *_: model)
