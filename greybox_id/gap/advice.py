@@ -80,9 +80,10 @@ def advice(
                 "them, measure the mounting angle of the sensor."
             )
         else:
-            drive = f"drive {to_drive(item, effects)}. {COMMAND} designs such a manoeuvre within the area that "
-            drive += "you can drive on."
-            one.append(f"{to_distinguish(item)}: {drive}")
+            one.append(
+                f"{to_distinguish(item)}: drive {to_drive(item, effects)}. {COMMAND} designs such a manoeuvre within "
+                "the area that you can drive on."
+            )
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]
     alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]

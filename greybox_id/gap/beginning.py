@@ -75,14 +75,13 @@ def with_beginnings(
         return hypothesis.cost + price(hypothesis, cost)
 
     known = min((selection.base, *selection.tried), key=score)
-    beside = {names: item for item in (selection.base, *selection.tried) for names in [frozenset(item.names)]}
+    beside = {frozenset(item.names): item for item in (selection.base, *selection.tried)}
     parents = {frozenset[str](): selection.base}
     parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
     result = list[_Begun]()
     for parent in parents.values():
-        for part_candidate in _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost))[
-            : CAL.refitted
-        ]:
+        promising = _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost))
+        for part_candidate in promising[: CAL.refitted]:
             begun = _refitted(search, part_candidate)
             if begun is not None and score(begun.hypothesis) < score(known) + CAL.alike:
                 result.append(begun)
@@ -170,9 +169,8 @@ def _gains_in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array
     curve = np.maximum(own_raw - np.sum(C * undone, axis=1), 1e-6 * own_raw + 1e-300)
     left = own_slope - np.einsum("pnk,n->pk", C, solved[:, 0])
     known = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
-    both = np.vstack(
-        [np.ones(count, dtype=bool), (known >= CAL.part_information) & (known <= 1 - CAL.part_information)]
-    )
+    enough = (known >= CAL.part_information) & (known <= 1 - CAL.part_information)
+    both = np.vstack([np.ones(count, dtype=bool), enough])
     gains, steps = np.where(both, 0.5 * left**2 / curve, 0.0), -left / curve
     places = [slice(0, int(edges[k])) for k in inner] + [slice(int(edges[k]), rows) for k in inner]
     return gains[0], places, gains[1:], steps[1:]
@@ -186,25 +184,19 @@ def _products(A: Array, B: Array) -> Array:
 def _refitted(search: Search, part_candidate: _PartCandidate) -> _Begun | None:
     """A hopeful effect beside its parent, refitted from the parent's nuisances and from their prior means."""
     parent = part_candidate.parent
-    acting = _acting(search, part_candidate.candidate, part_candidate.rows)
-    candidates, m = (*parent.candidates, acting.candidate), np.append(parent.m, part_candidate.m)
-    null = np.append(parent.m, (acting.candidate.axes[0].null, *part_candidate.m[1:]))
+    acting, candidate = _acting(search, part_candidate.candidate, part_candidate.rows)
+    candidates, m = (*parent.candidates, candidate), np.append(parent.m, part_candidate.m)
+    null = np.append(parent.m, (candidate.axes[0].null, *part_candidate.m[1:]))
     count = len(parent.theta)
     starts = [
         Start(candidates, m, parent.theta, parent.linear, (parent, null), parent.J),
         Start(candidates, m, search.means[:count], search.means[count:], slopes=parent.J),
     ]
-    result = refit(acting.search, starts)
-    return _Begun(acting.search, min(result, key=by_cost)) if result else None
+    result = refit(acting, starts)
+    return _Begun(acting, min(result, key=by_cost)) if result else None
 
 
-@dataclass(frozen=True)
-class _Acting:
-    search: Search
-    candidate: Candidate
-
-
-def _acting(search: Search, candidate: Candidate, rows: slice) -> _Acting:
+def _acting(search: Search, candidate: Candidate, rows: slice) -> tuple[Search, Candidate]:
     """A search in which a candidate acts in some rows alone, and that candidate."""
     bench = search.bench.whole if isinstance(search.bench, PartBench) else search.bench
     assert isinstance(bench, Bench)
@@ -213,7 +205,7 @@ def _acting(search: Search, candidate: Candidate, rows: slice) -> _Acting:
     other.bench = PartBench(bench, _place(bench, candidate), rows)
     other.nominal = np.append(search.nominal[:size], np.nan)
     other.expanded = search.expanded.copy()
-    return _Acting(other, replace(candidate, axes=(replace(axis, index=size), *others), part=_part(bench, rows)))
+    return other, replace(candidate, axes=(replace(axis, index=size), *others), part=_part(bench, rows))
 
 
 def _part(bench: Bench, rows: slice) -> ActingRows:
@@ -249,10 +241,10 @@ def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
     edge = (old.start or old.stop) + by
     if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
         return None
-    acting = _acting(begun.search, begins, slice(edge, rows) if old.start else slice(0, edge))
-    candidates = (*reversed(others), acting.candidate)
-    result = refit(acting.search, [replace(begun.search.start_of(begun.hypothesis), candidates=candidates)])
-    return _Begun(acting.search, result[0]) if result else None
+    acting, candidate = _acting(begun.search, begins, slice(edge, rows) if old.start else slice(0, edge))
+    candidates = (*reversed(others), candidate)
+    result = refit(acting, [replace(begun.search.start_of(begun.hypothesis), candidates=candidates)])
+    return _Begun(acting, result[0]) if result else None
 
 
 def _weighed(
@@ -277,23 +269,16 @@ def _weighed(
     bases, tried = [each for each in again if not each.names], {frozenset(hypothesis.names): hypothesis}
     places = hypothesis.candidates[-1].part
     assert places is not None
-    for candidates, m, rows in (
-        (hypothesis.candidates[-1:], hypothesis.m[hypothesis.parts[-1][1]], places.rows),
-        *(
-            (each.hypothesis.candidates, each.hypothesis.m, at)
-            for each in result
-            for at in _rows(each.hypothesis, places)
-        ),
-    ):
+    others = [(hypothesis.candidates[-1:], hypothesis.m[hypothesis.parts[-1][1]], places.rows)]
+    others += [
+        (each.hypothesis.candidates, each.hypothesis.m, at) for each in result for at in _rows(each.hypothesis, places)
+    ]
+    for candidates, m, rows in others:
         if (names := frozenset(each.effect for each in candidates)) == frozenset(hypothesis.names):
             continue
-        acting = _acting(search, candidates[-1], rows)
-        for one in refit(
-            acting.search, [Start((*candidates[:-1], acting.candidate), m, hypothesis.theta, hypothesis.linear)]
-        ):
-            placed = (
-                _placed(_Begun(acting.search, one)).hypothesis if score(one) < score(hypothesis) + CAL.cost else one
-            )
+        acting, candidate = _acting(search, candidates[-1], rows)
+        for one in refit(acting, [Start((*candidates[:-1], candidate), m, hypothesis.theta, hypothesis.linear)]):
+            placed = _placed(_Begun(acting, one)).hypothesis if score(one) < score(hypothesis) + CAL.cost else one
             if names not in tried or placed.cost < tried[names].cost:
                 tried[names] = placed
     for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):

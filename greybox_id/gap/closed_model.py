@@ -200,19 +200,12 @@ def moved(examined: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Move
     """Tolerances that a closed model has more than a standard deviation from their stated values; furthest first."""
     known, causes = [], {axis.name for axis in best.axes}
     for parameter in with_priors(examined.model, examined.effects, examined.vehicle).parameters:
-        if (
-            parameter.fixed
-            or parameter.prior is None
-            or parameter.shape != ()
-            or parameter.name not in closed
-            or parameter.name in causes
-        ):
+        name, prior = parameter.name, parameter.prior
+        if parameter.fixed or prior is None or parameter.shape != () or name not in closed or name in causes:
             continue
-        mean = parameter.array if parameter.prior.mean is None else parameter.prior.mean
-        stated, sd, value = (
-            float(np.asarray(each)) for each in (mean, parameter.prior.sd, closed[parameter.name].array)
-        )
-        one = Moved(parameter.name, parameter.unit, stated, sd, value)
+        mean = parameter.array if prior.mean is None else prior.mean
+        stated, sd, value = (float(np.asarray(each)) for each in (mean, prior.sd, closed[name].array))
+        one = Moved(name, parameter.unit, stated, sd, value)
         if one.far > 1.0:
             known.append(one)
     return tuple(sorted(known, key=lambda each: -each.far))

@@ -78,9 +78,7 @@ def evidence(
 
     Parameters
     ----------
-    selection : hypotheses refitted with the same noise model.
     inexact : whether tolerances are stated.
-    cost : of effects.
     left : mean square of the best hypothesis' errors over that of noise, less one.
     unsteady : how magnitudes of hypotheses' effects differ between parts; None: not at all.
     """
@@ -152,19 +150,15 @@ def _unsteady_factors(
 def price(hypothesis: Hypothesis, cost: Costs, factors: Mapping[str, float] = NONE) -> float:
     """Cost of a hypothesis: for each effect and second parameter, and for effects that only move readings past rows.
 
-    Parameters
-    ----------
-    hypothesis, cost : a hypothesis, and the cost of effects.
-    factors : effect -> factor on its cost; one where none is given.
+    `factors` are those on the costs of effects, one where none is given.
     """
     total = 0.0
     for item, at in hypothesis.parts:
         total += factors.get(item.effect, 1.0) * cost(item.effect) + CAL.second_parameter * (item.free - 1)
         total += CAL.begins if item.part is not None else 0.0
         axis = item.axes[0]
-        if (axis.shift or not item.gradual) and abs(
-            hypothesis.m[at.start] - axis.null
-        ) < CAL.next_to_nothing * axis.scale:
+        off = abs(hypothesis.m[at.start] - axis.null)
+        if (axis.shift or not item.gradual) and off < CAL.next_to_nothing * axis.scale:
             total += NEVER
     return total
 
@@ -174,27 +168,20 @@ def _prices_of_aliases(tried: Sequence[Hypothesis], prices: Sequence[float]) -> 
 
     Where two names are one cause, the readings cannot distinguish them: a lower cost must not do so.
     """
+
+    def alike(one: Hypothesis, other: Hypothesis) -> bool:
+        return len(other.candidates) == len(one.candidates) and abs(other.cost - one.cost) < CAL.twins
+
+    each = list(zip(tried, prices, strict=True))
     return [
-        max(
-            price
-            for other, price in zip(tried, prices, strict=True)
-            if other is item
-            or (
-                price < NEVER
-                and len(other.candidates) == len(item.candidates)
-                and abs(other.cost - item.cost) < CAL.twins
-            )
-        )
-        for item in tried
+        max(price for other, price in each if other is item or (price < NEVER and alike(item, other))) for item in tried
     ]
 
 
 def probability(evidence: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
     """The probability that any of these effects is present: the weight of the hypotheses that contain one."""
-    weights = [
-        weight for weight, each in zip(evidence.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
-    ]
-    return float(min(sum(weights), 1.0))
+    each = zip(evidence.weights, tried, strict=False)
+    return float(min(sum(weight for weight, item in each if not set(effects).isdisjoint(item.names)), 1.0))
 
 
 def p_value(gain: float, axes: int, candidates: int) -> float:

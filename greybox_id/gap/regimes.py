@@ -91,8 +91,9 @@ def where(
     channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
     gains: dict[str, float] = {}
     for entry in expected_gains:
-        group = EQUATIONS.get(effects[entry.candidate.effect].group, effects[entry.candidate.effect].group)
-        gains[group] = max(gains.get(group, 0.0), entry.gain)
+        group = effects[entry.candidate.effect].group
+        part = EQUATIONS.get(group, group)
+        gains[part] = max(gains.get(part, 0.0), entry.gain)
     everything = sum(gains.values()) or 1.0
     return Where(
         channel=max(channels, key=lambda name: channels[name]) if channels else "",
@@ -114,11 +115,7 @@ def _stretch(bench: FreeRuns, excess: Array) -> dict[str, float]:
     time = running(bench.time)
     first = int(starts[np.argmin(ends[starts] - starts)])
     last = min(int(ends[first]), len(bench.time) - 1)
-    return {
-        "from": float(time[first]),
-        "to": float(time[last]),
-        "share": (last - first + 1) / len(bench.time),
-    }
+    return {"from": float(time[first]), "to": float(time[last]), "share": (last - first + 1) / len(bench.time)}
 
 
 def _smooth(values: Array, bench: FreeRuns) -> Array:

@@ -56,17 +56,15 @@ def signs(
     after: float,
     beyond: float,
     seen: Mapping[str, Array],
-    scatter: float = 0.0,
-    alone: float = 0.0,
+    scatter: float,
+    alone: float,
 ) -> Signs:
     """Collect the signs of something unknown beside the best hypothesis.
 
     Parameters
     ----------
-    search, base, best : hypotheses and what refitted them.
-    before, after : mean square of errors over that of noise.
+    before, after : mean square of errors over that of noise, without an effect and with the best hypothesis.
     beyond : as in `Signs`, of the best hypothesis.
-    seen : signals per row.
     scatter : log-likelihood that effects on scatter gain.
     alone : sum of the gains of each effect of the best hypothesis by itself over the base; zero if not known.
     """
@@ -128,42 +126,22 @@ def is_unnamed_gap(signs: Signs, temper: float, inexact: bool, noise_stated: boo
     It is where errors exceed what is no gap yet. Inexact equations err in proportion to what they predict, but their
     errors hardly follow how the vehicle is driven: a regression on that is a hypothesis without a name, and a gap where
     it gains what an effect must.
-
-    Parameters
-    ----------
-    signs : of something unknown.
-    temper : factor on log-likelihoods.
-    inexact : whether equations are inexact.
-    noise_stated : as in `unknown_probability`.
     """
     return noise_stated and (signs.beyond > 1.0 or (inexact and temper * signs.over > CAL.cost_without_forces))
 
 
 def unknown_probability(signs: Signs, noise_stated: bool = True) -> float:
-    """The probability of an unmodelled effect.
-
-    Parameters
-    ----------
-    signs : of something unknown.
-    noise_stated : whether noise was stated: otherwise remaining errors pass for noise, and are no sign.
-    """
+    """The probability of an unmodelled effect; unless noise was stated, remaining errors pass for noise."""
     x = CAL.nothing_else + CAL.of_left * min(signs.left, 1.0) + CAL.of_structure * signs.structure
-    x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + (
-        CAL.of_other_signs if signs.effects > CAL.most_effects else 0.0
-    )
+    several = CAL.of_other_signs if signs.effects > CAL.most_effects else 0.0
+    x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + several
     x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if noise_stated else CAL.of_other_signs)
     x += CAL.beyond * np.log(max(signs.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 
 def driving_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[Array, Array]:
-    """(channels,) log-likelihood that a regression on driving signals would still gain, and that noise would give.
-
-    Parameters
-    ----------
-    search, hypothesis : the hypothesis and what refitted it.
-    seen : signals per row.
-    """
+    """(channels,) log-likelihood that a regression on driving signals would still gain, and that noise would give."""
     features = _features(search.bench, seen)
     r = search.whitener.white(hypothesis.e[:, :, None])[:, :, 0]
     gain, expected = np.zeros(r.shape[1]), np.zeros(r.shape[1])
@@ -211,13 +189,10 @@ def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
         time * a_x, a_y**3,
     ]  # fmt: skip
     columns = [column for column in now if np.any(column)]
+    lagged = [item for item in (steer, a_y, a_x, drive, r) if np.any(item)]
     for lag in CAL.lags[1:]:
         rows = min(max(1, round(lag / bench.sample_time)), count)
-        columns += [
-            np.concatenate([np.zeros(rows), item[: count - rows]])
-            for item in (steer, a_y, a_x, drive, r)
-            if np.any(item)
-        ]
+        columns += [np.concatenate([np.zeros(rows), item[: count - rows]]) for item in lagged]
     X = np.column_stack(columns)
     return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))
 
@@ -231,13 +206,11 @@ def strained_shares(search: Search, best: Hypothesis) -> dict[str, float]:
     off = np.concatenate([best.theta, best.linear]) - search.means
     precision = np.diag(search.prior_precision({axis.index for axis in best.axes}))
     strained = search.white[:, precision * off**2 > 1.0]
-    columns = search.weighed(best.J).reshape(len(search.white), -1)
+    G, columns = strained.T @ strained, search.weighed(best.J).reshape(len(search.white), -1)
     result = {}
     for candidate, at in best.parts:
         does = columns[:, at.start]
-        whole = float(does @ does)
-        G = strained.T @ strained
-        pull = strained.T @ does
+        whole, pull = float(does @ does), strained.T @ does
         result[candidate.effect] = float(pull @ np.linalg.lstsq(G, pull)[0]) / whole if whole > 0 else 1.0
     return result
 

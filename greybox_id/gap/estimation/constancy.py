@@ -81,17 +81,13 @@ class _Alone:
 def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
     """One coordinate of a hypothesis; None where the recording does not inform it."""
     shape = hypothesis.e.shape
-    both = search.weighed(np.concatenate([hypothesis.e[:, :, None], hypothesis.J], axis=2)).reshape(
-        hypothesis.e.size, -1
-    )
+    both = search.weighed(np.concatenate([hypothesis.e[:, :, None], hypothesis.J], axis=2))
+    both = both.reshape(hypothesis.e.size, -1)
     r, J = both[:, 0], both[:, 1:]
     u = np.concatenate([hypothesis.theta, hypothesis.linear])
     g = search.white.T @ r + search.precision @ (u - search.means)
-    stays = (
-        ((u <= search.low) & (g > 0))
-        | ((u >= search.high) & (g < 0))
-        | search.among({a.index for a in hypothesis.axes})
-    )
+    stays = ((u <= search.low) & (g > 0)) | ((u >= search.high) & (g < 0))
+    stays |= search.among({axis.index for axis in hypothesis.axes})
     others = np.arange(J.shape[1]) != at
     moves = np.concatenate([~stays, others])  # all else, nuisances first
     gram = J.T @ J
@@ -119,14 +115,7 @@ def _products(one: Array, many: Array) -> tuple[Array, Array]:
 
 
 def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
-    """Magnitudes of one of a hypothesis' effects in thirds of the rows in several orders, and by channel.
-
-    Parameters
-    ----------
-    search, hypothesis : the hypothesis and what refitted it.
-    orders : "along ..." -> (N,) by which rows are sorted.
-    effect : index of the effect.
-    """
+    """Magnitudes of one of a hypothesis' effects in thirds of the rows in several orders, and by channel."""
     at = hypothesis.parts[effect][1].start
     alone = _alone(search, hypothesis, at)
     if alone is None:
@@ -175,13 +164,7 @@ def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], a
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
-    """Values by which rows are sorted: "along ..." -> (N,).
-
-    Parameters
-    ----------
-    seen : signals per row.
-    rows : how many there are.
-    """
+    """Values by which rows are sorted: "along ..." -> (N,)."""
     result = {
         "along time": np.arange(rows, dtype=float),
         "along speed": seen.get("v_x"),
@@ -216,13 +199,7 @@ def discounted(gain: Array, unsteady: Array | float) -> Array:
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
-    """Effect -> its largest spread, by speed, accelerations, time or channel, among those that noise does not explain.
-
-    Parameters
-    ----------
-    search, hypothesis : as of `spreads`.
-    seen : signals per row.
-    """
+    """Effect -> its largest spread along an order or between channels, of those that noise does not explain."""
     orders = orders_of(seen, len(hypothesis.e))
     result = {}
     for k, name in enumerate(hypothesis.names):

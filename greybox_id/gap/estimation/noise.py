@@ -12,6 +12,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from ...base.shorthands import Array
 from ...base.statistics import robust_sd, white_noise_sd
@@ -83,21 +84,11 @@ def white_noise(sd: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> Au
     return AutoregressiveNoise(np.asarray(sd, dtype=float), tuple(np.empty(0) for _ in sd), tuple(rows), good)
 
 
-def colour(
-    residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int = CAL.colour_order
-) -> AutoregressiveNoise:
-    """The autoregressive process that describes residuals.
-
-    Parameters
-    ----------
-    residuals : (N, channels), anything where they are not good.
-    good : (N, channels).
-    rows : slices of unbroken runs.
-    most : highest order tried.
-    """
+def colour(residuals: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> AutoregressiveNoise:
+    """The autoregressive process that describes residuals, (N, channels), where they are good, in unbroken runs."""
     sd, ar, usable = [], [], np.zeros_like(good)
     for c in range(residuals.shape[1]):
-        s, a = _fitted(np.where(good[:, c], residuals[:, c], 0.0), good[:, c], rows, most)
+        s, a = _fitted(np.where(good[:, c], residuals[:, c], 0.0), good[:, c], rows)
         sd.append(s)
         ar.append(a)
         usable[:, c] = _all_there(good[:, c], rows, len(a))
@@ -115,15 +106,15 @@ def without_spikes(
             if np.count_nonzero(np.isfinite(e)) <= 2 * around:
                 continue
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
-            padded = np.pad(filled, around // 2, mode="reflect")
-            off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, around), axis=1)
+            off = e - median_filter(filled, around, mode="mirror")
             spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
             good[row, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
 
 
-def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int) -> tuple[float, Array]:
+def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice]) -> tuple[float, Array]:
     """Innovations' standard deviation, and coefficients of the order of least BIC."""
+    most = CAL.colour_order
     usable = _all_there(good, rows, most)
     count = int(np.sum(usable))
     if count < CAL.coefficient_rows * (most + 1):

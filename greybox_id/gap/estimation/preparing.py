@@ -84,13 +84,7 @@ def with_direction(
 
 
 def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
-    """Recordings of at most `most` rows in all: blocks of them, spread evenly.
-
-    Parameters
-    ----------
-    recordings : any.
-    most : rows.
-    """
+    """Recordings of at most `most` rows in all: blocks of them, spread evenly."""
     total = sum(len(recording) for recording in recordings)
     if total <= most:
         return list(recordings)
@@ -110,11 +104,6 @@ def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[
 
     20 rows a second inform a free run as well as 200, and all drives better than some of them. Where commands are held
     from row to row no row can be left out.
-
-    Parameters
-    ----------
-    recordings : any.
-    most : rows.
     """
     each, result = -(-sum(len(recording) for recording in recordings) // most), list[Recording]()
     for recording in recordings:
@@ -185,25 +174,15 @@ def with_priors(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle
 
 def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float]:
     """Median speed, m/s, and root mean squares of steering and drive; 1 where there is none."""
-    result = {}
-    for name, signals in (("speed", ("v_x",)), ("steer", ("steer",)), ("drive", _signals(model, "drive"))):
-        held = [
-            recording[signal][np.isfinite(recording[signal])]
-            for recording in recordings
-            for signal in signals
-            if signal in recording
-        ]
-        values = np.abs(np.concatenate(held)) if held else np.empty(0)
+    result, signals = {}, {"speed": ("v_x",), "steer": ("steer",), "drive": model.aliases.get("drive", ("drive",))}
+    for name, names in signals.items():
+        held = [np.abs(one[signal]) for one in recordings for signal in names if signal in one]
+        values = np.concatenate([each[np.isfinite(each)] for each in held]) if held else np.empty(0)
         size = 0.0
         if len(values):
             size = float(np.median(values) if name == "speed" else np.sqrt(np.mean(values**2)))
         result[name] = size if size > 0 else 1.0
     return result
-
-
-def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
-    """Names of signals that may be an input of the model."""
-    return model.aliases.get(name, (name,))
 
 
 def _with_zones(

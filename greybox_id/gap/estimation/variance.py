@@ -56,9 +56,8 @@ def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
         return result
     for rows in bench.rows:
         readings = bench.measured[rows][:, read]
-        same = np.all((readings[1:] == readings[:-1]) | ~np.isfinite(readings[1:]), axis=1) & np.any(
-            np.isfinite(readings[1:]), axis=1
-        )
+        there = np.isfinite(readings[1:])
+        same = np.all((readings[1:] == readings[:-1]) | ~there, axis=1) & np.any(there, axis=1)
         moving = np.any(readings[1:] != 0, axis=1)
         result[rows.start + 1 : rows.stop] = same & moving
     return result
@@ -84,10 +83,6 @@ def steady_rates(bench: FreeRuns, y: Array, sd: Array, good: NDArray[np.bool_]) 
 
     Where commands are held, accelerations jump with them at every row: a reading that is early by however little shows
     the whole jump. Readings of states do not jump.
-
-    Parameters
-    ----------
-    bench, y, sd, good : as of `jitter`.
     """
     rates, known = np.zeros_like(y), np.zeros_like(good)
     states = {state.name for state in bench.model.states}
@@ -122,7 +117,8 @@ def jitter(
         return None
     rates, use = steady_rates(bench, y, sd, good)
     a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
-    brief, z = (np.where(use, item, 0.0) for item in (_less_neighbours(z, good, bench.rows), z))
+    less = _less_neighbours(z, good, bench.rows)
+    brief, z = np.where(use, less, 0.0), np.where(use, z, 0.0)
     rows = _JitterLikelihood(a, brief, np.sum(use, axis=1))
     if not np.any(rows.h > 0):
         return None
@@ -133,11 +129,7 @@ def jitter(
         gain = 0.0
     if _correlation_of_rows(a, brief, variance, bench.rows) > CAL.surely:
         gain = 0.0
-    tossed = 0.0
-    if jumps is not None:
-        tossed = order_gain(
-            np.where(good, jumps / sd, 0.0), _less_neighbours(np.where(good, e / sd, 0.0), good, bench.rows)
-        )
+    tossed = 0.0 if jumps is None else order_gain(np.where(good, jumps / sd, 0.0), less)
     if gain + tossed <= 0:
         return None
     tau, spread = rows.sd_at(best)
@@ -168,10 +160,8 @@ class _JitterLikelihood:
 
     def losses(self, v: float) -> Array:
         """(N,) negative log-likelihoods of rows."""
-        noise = self.left(v, self.brief)
-        return np.asarray(
-            0.5 * (np.log1p(v * self.h) + self.count * np.log(noise) + self._squares(v, self.brief) / noise)
-        )
+        noise, squares = self.left(v, self.brief), self._squares(v, self.brief)
+        return np.asarray(0.5 * (np.log1p(v * self.h) + self.count * np.log(noise) + squares / noise))
 
     def loss(self, log_variance: float) -> float:
         """Negative log-likelihood of all rows."""
