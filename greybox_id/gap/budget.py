@@ -62,12 +62,10 @@ def budget(
     Parameters
     ----------
     misfits : of the model with every set of effects, tolerances refitted.
-    names : of the effects, in order.
     sd : (channels,) of noise.
     good : (N, channels) readings that count.
     bench : whose blocks are resampled.
-    recordings : names of those that the misfits are on.
-    held_out : whether these chose nothing.
+    recordings, held_out : names of those that the misfits are on, and whether these chose nothing.
     """
     sets = subsets(names)
     squares = {item: np.sum(np.where(good, misfits[item].e / sd, 0.0) ** 2, axis=1) for item in sets}

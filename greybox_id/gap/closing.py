@@ -69,8 +69,7 @@ def closed_by(
     before, after : on the same readings.
     sd : (channels,) of noise.
     good : (N, channels) readings that count.
-    bench : whose recordings these are.
-    names : of the recordings.
+    bench, names : whose recordings these are, and their names.
     """
     count = max(int(np.sum(good)), 1)
     first, then = (np.sum(np.where(good, item.e / sd, 0.0) ** 2, axis=1) for item in (before, after))
@@ -99,14 +98,8 @@ def on_held_out(recordings: Sequence[Recording]) -> str:
 def left_open(closure: Closure) -> Closure:
     """The closure where no effect is applied: errors stay as they were."""
     errors = tuple(replace(error, after=error.before) for error in closure.errors)
-    return replace(
-        closure,
-        after=closure.before,
-        floor=min(1.0, closure.before),
-        closed=0.0,
-        closed_interval=(0.0, 0.0),
-        errors=errors,
-    )
+    before, none = closure.before, (0.0, 0.0)
+    return replace(closure, after=before, floor=min(1.0, before), closed=0.0, closed_interval=none, errors=errors)
 
 
 def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns) -> tuple[Errors, ...]:
@@ -115,10 +108,7 @@ def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], b
     for c, channel in enumerate(bench.channels):
         counted = good[:, c]
         if np.any(counted):
-            free = (
-                (each.e[counted, c], diverges(each.e[counted, c], bench.measured[counted, c]))
-                for each in (before, after)
-            )
-            a, b = (np.inf if lost else float(np.sqrt(np.mean(e**2))) for e, lost in free)
+            readings, free = bench.measured[counted, c], (each.e[counted, c] for each in (before, after))
+            a, b = (np.inf if diverges(e, readings) else float(np.sqrt(np.mean(e**2))) for e in free)
             result.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
     return tuple(result)

@@ -69,12 +69,9 @@ def where(
 
     Parameters
     ----------
-    bench : whose rows.
     excess : (N,) squared errors over the noise's, less those that noise and the explanation leave.
     ratio : (channels,) root mean square of errors over that of noise; NaN where nothing was read.
-    seen : as of `signals`.
     expected_gains : expected gains of single effects.
-    effects : by name.
     """
     total = float(np.sum(excess))
     there = total > CAL.no_gap * len(excess)

@@ -47,8 +47,7 @@ def budget_of(
     ----------
     mean : coordinates of the vehicle with all of them.
     applied : index of its number -> name of an effect.
-    names : of the recordings.
-    held_out : whether these chose nothing.
+    names, held_out : of the recordings, and whether these chose nothing.
     """
     if not applied:
         return None

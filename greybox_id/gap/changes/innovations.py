@@ -155,10 +155,7 @@ class InnovationNoise:
     def cost(self, innovations: FilterInnovations) -> float:
         """Negative log-likelihood, up to a constant."""
         scales = self.scales(innovations)
-        energy, count = (
-            np.sum(self.white(innovations, scales) ** 2, axis=1),
-            np.sum(innovations.there, axis=1),
-        )
+        energy, count = np.sum(self.white(innovations, scales) ** 2, axis=1), np.sum(innovations.there, axis=1)
         blocks = 0.5 * float(np.sum((self.degrees + count) * np.log1p(energy / self.degrees)))
         louder = float(np.sum(self._by_channel(innovations.there) * np.log(scales)))
         return self.temper * (blocks + louder + float(np.sum(innovations.spread)))

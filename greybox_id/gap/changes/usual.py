@@ -165,10 +165,7 @@ def usual(
 
     Parameters
     ----------
-    follower : the filter of the model.
-    numbers : that are searched.
     rides : from before.
-    tell : receives lines of progress.
     filters : name -> standard deviation between runs that have passed different filters.
     """
     known = tuple(numbers)

@@ -47,8 +47,7 @@ class PlanCourse:
 
     Parameters
     ----------
-    model : at its nominal values.
-    driver : of it.
+    model, driver : at its nominal values, and its driver.
     rate : rows a second.
     slowest : m/s, lowest speed of plans, which determines the integration step.
     """

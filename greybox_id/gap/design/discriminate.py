@@ -23,6 +23,7 @@ from ...models.effect import Effect
 from ...models.motion_model import MotionModel
 from ...models.vehicle import StatedModelError
 from ..advice import same_readings
+from ..estimation.axes import scalars
 from ..estimation.model_error import Amplitudes, amplitude_prior
 from ..gap import Gap
 from .course import PlannedMotion
@@ -361,13 +362,8 @@ class _Rivals:
                 blank[name] = plan.of(name)[::every]
         signals = {"steer": plan.steer[::every], self.drive: plan.drive[::every], **blank}
         outputs = self.rivals[true].model.outputs
-        problem = MotionProblem(
-            self.simulators[true],
-            [Recording("plan", time, signals)],
-            noise=np.ones(len(outputs)),
-            starts="measured",
-            about=p,
-        )
+        recording, ones = Recording("plan", time, signals), np.ones(len(outputs))
+        problem = MotionProblem(self.simulators[true], [recording], noise=ones, starts="measured", about=p)
         y = problem.simulated_nodes(problem.unknowns(p)).y
         columns = [outputs.index(name) for name in self.read]
         if not np.all(np.isfinite(y[time >= LATE][:, columns])):
@@ -404,25 +400,19 @@ def _without(rival: Rival) -> Rival:
     """The same model without the rival's effect."""
     parameter = rival.model[rival.name]
     assert parameter.null is not None
-    return Rival(
-        "nothing", rival.model.with_parameters(replace(parameter, value=np.asarray(parameter.null), fixed=True))
-    )
+    parameter = replace(parameter, value=np.asarray(parameter.null), fixed=True)
+    return Rival("nothing", rival.model.with_parameters(parameter))
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
     """(count, parameters) draws of the parameters with tolerances and of the effect's magnitude, nominal first."""
     rng = np.random.default_rng((seed, 907))
-    result, start = np.tile(rival.model.values, (count, 1)), 0
-    for parameter in rival.model.parameters:
-        if (
-            parameter.shape == ()
-            and not parameter.fixed
-            and (parameter.prior is not None or parameter.name == rival.name)
-        ):
+    result = np.tile(rival.model.values, (count, 1))
+    for k, parameter in scalars(rival.model):
+        if not parameter.fixed and (parameter.prior is not None or parameter.name == rival.name):
             sd = rival.sd if parameter.prior is None else float(np.max(np.asarray(parameter.prior.sd)))
-            moved = result[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
-            result[1:, start] = np.clip(moved, *parameter.bounds)
-        start += parameter.size
+            moved = result[1:, k] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
+            result[1:, k] = np.clip(moved, *parameter.bounds)
     return result
 
 

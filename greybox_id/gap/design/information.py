@@ -122,12 +122,7 @@ class Information:
         self.errors = ExpectedErrors(self.model, amplitude_prior(self.noise, True, False, {}).median)
 
     def of(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Array]:
-        """(q, q) information of each plan on the free numbers, with starts of runs free; zero where it is not finite.
-
-        Parameters
-        ----------
-        plans, p, rough : as of `scores`.
-        """
+        """(q, q) information of each plan on the free numbers, starts of runs free; zero where it is not finite."""
         return [sandwich(H, S) for H, S in zip(*self.scores(plans, p, rough=rough), strict=True)]
 
     def scores(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> tuple[Array, Array]:

@@ -60,14 +60,11 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
     information = Information(fit, known, target)
     found_plan = search.best(say)
     after = known.precision + design_task.repeat * information.of([found_plan.plan], samples[0])[0]
-    before_and_after = {
-        "before": criterion(known.precision, known, target, kind),
-        "after": criterion(after, known, target, kind),
-    }
+    before, then = (criterion(each, known, target, kind) for each in (known.precision, after))
     every = predicted_sd(known, after)
     predicted = {name: every[name] for name in target}
     return search.design(
-        "precision", found_plan, criterion={"name": kind, "parameters": list(target), **before_and_after},
+        "precision", found_plan, criterion={"name": kind, "parameters": list(target), "before": before, "after": then},
         drive=str(fit.how.get("inputs", {}).get("drive", model.aliases.get("drive", ("drive",))[0])),
         predicted_sd=predicted, impossible=_hardly(model, predicted), said=_exact(model),
     )  # fmt: skip

@@ -56,7 +56,7 @@ class Rough:
     kept : parameters that are not held, delays among them.
     """
 
-    def __init__(self, model: MotionModel, kept: Collection[str] = ()) -> None:
+    def __init__(self, model: MotionModel, kept: Collection[str]) -> None:
         late = shifting(model).difference(kept)
         held = [(k, one) for k, one in scalars(model) if one.name in late and one.bounds[0] <= 0]
         self.places = np.array([k for k, _ in held], dtype=np.intp)
@@ -70,13 +70,7 @@ class Rough:
 
 
 class ExpectedErrors:
-    """Model errors on recordings that are expected.
-
-    Parameters
-    ----------
-    model : the equations.
-    amplitudes : of model error and noise.
-    """
+    """Model errors on recordings that are expected."""
 
     def __init__(self, model: MotionModel, amplitudes: Amplitudes) -> None:
         self.model, self.amplitudes = with_unknown_forces(model), amplitudes

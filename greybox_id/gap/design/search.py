@@ -134,9 +134,8 @@ class PlanSearch:
             if not inside:
                 raise self._no_room(gentlest)
         scored = sorted(self._scored(inside, rough=True), key=lambda item: -item.worth)
-        tried = sorted(
-            [*self._refined(_best_by_length(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth
-        )
+        refined = self._refined(_best_by_length(scored)[:REFINED])
+        tried = sorted([*refined, *scored[:SURE]], key=lambda item: -item.worth)
         kept, most = list[FoundPlan](), -np.inf
         for item in tried:
             if kept and item.worth <= most:  # made gentler, it would be worth even less
@@ -170,12 +169,7 @@ class PlanSearch:
         )
 
     def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:
-        """The design of a found plan, with its corridor and the limits that it reaches.
-
-        Parameters
-        ----------
-        goal, more : attributes of `Design`.
-        """
+        """The design of a found plan, with its corridor, the limits that it reaches, and further attributes."""
         course, samples = self.course, self.samples[0]
         motion = course.driven(found_plan.plan, samples, follow=self.task.follow)
         good = motion[np.all(np.isfinite(motion), axis=(1, 2))]
@@ -211,14 +205,7 @@ class PlanSearch:
             if result.broken <= 0 and kept >= NEEDED:
                 return result
             calmer = tuple(
-                replace(
-                    phase,
-                    amplitude=0.9 * phase.amplitude,
-                    lean=0.93 * phase.lean,
-                    speed=max(0.97 * phase.speed, self.speeds[0]),
-                )
-                if result.broken > 0 or k in guilty
-                else phase
+                self._eased(phase, 0.9, 0.93, 0.97) if result.broken > 0 or k in guilty else phase
                 for k, phase in enumerate(result.phases)
             )
             result = self._made([(calmer, result.duration)])[0]
@@ -264,13 +251,12 @@ class PlanSearch:
         room = np.array([self._sketched(*item) for item in drawn])
         counts = np.array([len(phases) for phases, _ in drawn])
         chosen = list[int]()
+        most = self._times(TRIED // MOST_PHASES)
         for count in range(1, MOST_PHASES + 1):  # as many of each length, as short chains fit more easily
             of_length = np.flatnonzero(counts == count)
             inside = of_length[room[of_length] <= 0]
-            most = self._times(TRIED // MOST_PHASES)
-            chosen += (inside if len(inside) >= most else of_length[np.argsort(room[of_length], kind="stable")])[
-                :most
-            ].tolist()
+            nearest = of_length[np.argsort(room[of_length], kind="stable")]
+            chosen += (inside if len(inside) >= most else nearest)[:most].tolist()
         result = self._made([*(drawn[k] for k in chosen), *self._standard()])
         for _ in range(MENDED):
             wrong = [k for k, item in enumerate(result) if item.broken > 0]
@@ -316,9 +302,8 @@ class PlanSearch:
         """By how much a chain would leave the arena, m, if tyres did not slip."""
         drive = chained(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
         v = drive.speed
-        yaw = (
-            np.cumsum(v * drive.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
-        )
+        yaw_rate = v * drive.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)
+        yaw = np.cumsum(yaw_rate) / SKETCH_RATE
         x, y = np.cumsum(v * np.cos(yaw)) / SKETCH_RATE, np.cumsum(v * np.sin(yaw)) / SKETCH_RATE
         run_up = -(v[0] ** 2) / (2.0 * BACKING * self.limits.drive_max)
         placed = self.arena.place(np.concatenate(([run_up, 0.0], x)), np.concatenate(([0.0, 0.0], y)))
@@ -328,21 +313,17 @@ class PlanSearch:
         """The chain gentler where tyres are overused, slower or shorter where the arena is left."""
         worst = float(worst_strain(found_plan.plan.motion, self.limits)[0])
         gentler = 0.95 * SPARE / worst if np.isfinite(worst) and worst > SPARE else (1.0 if worst <= SPARE else 0.6)
-        too_far = found_plan.placement.outside + self.limits.margin > 0
-        slower = 0.8 if too_far else 1.0
-        phases = tuple(
-            replace(
-                p,
-                amplitude=float(p.amplitude * max(gentler, 0.4)),
-                lean=float(p.lean * max(gentler, 0.4)),
-                speed=max(p.speed * slower, self.speeds[0]),
-            )
-            for p in found_plan.phases
-        )
+        too_far, gentler = found_plan.placement.outside + self.limits.margin > 0, max(gentler, 0.4)
+        phases = tuple(self._eased(p, gentler, gentler, 0.8 if too_far else 1.0) for p in found_plan.phases)
         duration = found_plan.duration
         if too_far and self.rng.random() < 0.5:
             duration = max(0.75 * duration, 0.25 * self.task.duration)
         return phases, duration
+
+    def _eased(self, phase: Phase, amplitude: float, lean: float, speed: float) -> Phase:
+        """A phase with its numbers multiplied by these, no slower than plans may be."""
+        slower = max(speed * phase.speed, self.speeds[0])
+        return replace(phase, amplitude=amplitude * phase.amplitude, lean=lean * phase.lean, speed=slower)
 
     def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
         """Plans of chains, several simulated at once, with their excess over limits."""
@@ -407,15 +388,10 @@ class PlanSearch:
     def _coded(self, found_plan: FoundPlan) -> Array:
         (slow, fast) = self.speeds
         numbers = [
-            (
-                p.amplitude * 2.0,
-                np.log(p.frequency * self.pace),
-                2.0 * (p.speed - slow) / (fast - slow),
-                np.log(p.duration),
-                2.0 * p.lean,
-            )
+            (p.amplitude * 2.0, np.log(p.frequency * self.pace), 2.0 * (p.speed - slow) / (fast - slow),
+             np.log(p.duration), 2.0 * p.lean)
             for p in found_plan.phases
-        ]
+        ]  # fmt: skip
         return np.array([*np.ravel(numbers), 3.0 * found_plan.duration / self.task.duration])
 
     def _decoded(self, start: FoundPlan, x: Array) -> tuple[tuple[Phase, ...], float]:

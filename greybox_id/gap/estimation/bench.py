@@ -56,12 +56,7 @@ def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun
 
 @dataclass(frozen=True)
 class Plans:
-    """The segments of all runs, and how `linearise` cuts them.
-
-    Attributes
-    ----------
-    runs : per run, its segments.
-    """
+    """The segments of each run, and how `linearise` cuts them."""
 
     runs: Sequence[Schedule]
 

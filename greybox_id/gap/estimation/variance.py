@@ -184,13 +184,12 @@ class _JitterLikelihood:
 
 
 def _gain_of_separate_jitters(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
-    """Log-likelihood gained by a separate jitter for each channel, over one jitter for all.
+    """Log-likelihood gained by a separate jitter for each channel, over one jitter for all, of variance v over noise.
 
     Parameters
     ----------
     a, z : (N, channels) rates, and residuals less the mean of their neighbours, over the noise.
     use : (N, channels) where rates are known.
-    v : variance of the jitter of all over that of noise.
     """
     apart = 0.0
     for c in range(a.shape[1]):

@@ -135,12 +135,10 @@ def course(
     ----------
     search : what refitted the hypothesis, on a bench of a model with unknown forces.
     best : the explanation beside which the magnitude varies.
-    wander : the effect, and by how much it varies.
-    axis : of its magnitude.
+    wander, axis : the effect and by how much it varies, and the axis of its magnitude.
     quiet : amplitudes of model error beside it.
     noise : (channels,) standard deviations of the readings at which runs start.
     good : (N, channels) readings that count.
-    places : of the rows.
     """
     bench = search.bench
     assert isinstance(bench, Bench)
@@ -180,12 +178,9 @@ def with_course(
 
     Parameters
     ----------
-    search : on which a hypothesis was refitted to free runs.
-    freed : that hypothesis.
-    course : of a magnitude.
-    index : of the magnitude's parameter.
+    search, freed : a hypothesis refitted to free runs, and what refitted it.
+    course, index : of a magnitude, and the index of its parameter.
     sd, good : (channels,) of noise; (N, channels) readings that count.
-    places : of the rows.
     """
     bench = search.bench
     assert isinstance(bench, Bench)
