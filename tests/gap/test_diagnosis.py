@@ -674,7 +674,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     assert judging.refused(found, best.names, None) == {}
-    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
+    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, ())  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
     assert judging.refused(found, best.names, None) == {own.effect: "its probability is 0.45, not more than one half"}
 

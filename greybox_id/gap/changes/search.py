@@ -70,7 +70,6 @@ class Change:
 
     Attributes
     ----------
-    place : index of its number.
     shift : its change beyond scatter, in its coordinate, and the standard deviation of that.
     gain, held_out : log evidence gained where it was chosen, log-likelihood gained where it was judged.
     apart : whether it was judged on other recordings than it was chosen on.
@@ -78,7 +77,6 @@ class Change:
     cost : log evidence that it must gain on all recordings.
     """
 
-    place: int
     shift: tuple[float, float]
     gain: float
     held_out: float
@@ -175,7 +173,7 @@ class ChangeSearch:
         (gain, held_out), (least, held) = self.gains(places), self.gains(rest)
         sd = float(change_sds(there.explained.information, self.sets[rest].covariance)[place])
         shift = float(there.shift[place]), sd
-        return Change(place, shift, gain - least, held_out - held, self.apart, self._beyond(places, place), self.cost)
+        return Change(shift, gain - least, held_out - held, self.apart, self._beyond(places, place), self.cost)
 
     def stands(self, places: Places) -> bool:
         """Whether each change of a set, which was compared with all its parts, gains what it must beside the others."""
@@ -279,11 +277,11 @@ class ChangeSearch:
 
     def _judge(self, places: Places, covariance: Array, refit: RunExplained, beside: Places) -> None:
         """Explain the recordings that judge a set, from where they are with a similar one, which may gain by it."""
-        shift = self._shift(places, covariance, refit)
+        shift = self._shift(covariance, refit)
         shifts = [shift] * len(self._judges)
         if not self.apart:
             parts = [self._refitted(half, covariance, [refit.x]) for half in reversed(self._halves)]
-            shifts = [self._shift(places, covariance, part) for part in parts]
+            shifts = [self._shift(covariance, part) for part in parts]
         other, V = self.sets[beside], self.known.of_a_run
         judged, means, improved = list[RunExplained](), list[Array](), list[RunExplained]()
         for judge, alone, before, by in zip(self._judges, other.judged, other.means, shifts, strict=True):
@@ -329,7 +327,7 @@ class ChangeSearch:
             V[place, place] += self.known.numbers[place].change ** 2
         return V
 
-    def _shift(self, places: Places, covariance: Array, refit: RunExplained) -> Array:
+    def _shift(self, covariance: Array, refit: RunExplained) -> Array:
         """(n,) changes beyond scatter: parts of deviations that are due to the widening of priors."""
         widened = covariance - self.known.of_a_run
         return np.asarray(widened @ np.linalg.solve(covariance, refit.x - self.known.x))

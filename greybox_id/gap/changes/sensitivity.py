@@ -63,11 +63,7 @@ def visible(
         away = sd * sqrt(2.0 * (cost + 0.5 * log(1.0 + (number.change / sd) ** 2)))
         size = away if away < CAL.reach_sd * number.change else float("inf")
         alone = sqrt(max(sd**2 - float(V[place, place]), 0.0))
-        name = effects[number.name]
-        result.append(
-            Visible(name, size, float(known.scatter[place]), alone, number.value(known.x[place]), number.logarithmic,
-                    units[name])
-        )  # fmt: skip
-    order = {number.name: number.change for number in known.numbers}
-    names = {effect: name for name, effect in effects.items()}
-    return tuple(sorted(result, key=lambda item: item.size / order[names[item.effect]]))
+        name, usual = effects[number.name], number.value(known.x[place])
+        limit = Visible(name, size, float(known.scatter[place]), alone, usual, number.logarithmic, units[name])
+        result.append((size / number.change, limit))
+    return tuple(limit for _, limit in sorted(result, key=lambda item: item[0]))

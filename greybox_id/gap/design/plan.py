@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -122,19 +122,28 @@ class Design:
         assert self.plan is not None
         if name not in ("x", "y"):
             return np.asarray(self.corridor[k][:, AT[name]])
-        off = [self.corridor[j][:, [AT["x"], AT["y"]]] for j in (0, 1)]
+        here, across = (self.corridor[j][:, [AT["x"], AT["y"]]] for j in (k, 1 - k))
         c, s = np.cos(self.placement.yaw), np.sin(self.placement.yaw)
         row = np.array([c, -s]) if name == "x" else np.array([s, c])
         base = self.placement.x if name == "x" else self.placement.y
-        ends = [np.where(row > 0, off[j], off[1 - j]) @ row for j in (0, 1)]
-        return np.asarray(base + ends[k])
+        return np.asarray(base + np.where(row > 0, here, across) @ row)
 
     @property
     def sentence(self) -> str:
         """The instruction for a driver."""
         if self.plan is None:
             return ""
-        return sentence(self.phases, self.plan, self.limits)
+        plan, v, parts = self.plan, self.plan.of("v_x"), []
+        for k, phase in enumerate(self.phases):
+            rows = np.flatnonzero(plan.phase == k)
+            if len(rows) < 2:
+                continue
+            a, b = rows[0], rows[-1]
+            lasts = float(plan.time[b] - plan.time[a])
+            steering = _steering(phase, plan.steer[a : b + 1], lasts)
+            parts.append(f"{steering}{_speed(float(v[a]), float(v[b]))} for {lasts:.1f} s")
+        parts.append(f"brake straight ahead to {v[-1]:.1f} m/s")
+        return f"From {v[0]:.1f} m/s straight ahead: {'; '.join(parts)}."
 
     def as_dict(self) -> dict[str, Any]:
         """The design as plain data."""
@@ -167,23 +176,6 @@ class Design:
     def text(self) -> str:
         """The text of design.json."""
         return KIND.text(self.as_dict())
-
-
-def sentence(phases: Sequence[Phase], plan: PlannedMotion, limits: DriveLimits) -> str:
-    """A manoeuvre in words for a driver."""
-    v = plan.of("v_x")
-    parts = []
-    for k, phase in enumerate(phases):
-        rows = np.flatnonzero(plan.phase == k)
-        if len(rows) < 2:
-            continue
-        a, b = rows[0], rows[-1]
-        lasts = float(plan.time[b] - plan.time[a])
-        parts.append(
-            f"{_steering(phase, plan.steer[a : b + 1], lasts)}{_speed(float(v[a]), float(v[b]))} for {lasts:.1f} s"
-        )
-    parts.append(f"brake straight ahead to {v[-1]:.1f} m/s")
-    return f"From {v[0]:.1f} m/s straight ahead: {'; '.join(parts)}."
 
 
 def _steering(phase: Phase, steer: Array, lasts: float) -> str:

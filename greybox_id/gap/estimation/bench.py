@@ -190,8 +190,9 @@ class Bench:
         known = {key: self._simulated[key] for key in keys if key in self._simulated}
         new = {key: k for k, key in enumerate(keys) if key not in known}
         if new:
-            made = self.simulate_anew(P[list(new.values())])
-            known |= dict(zip(new, made, strict=True))
+            some = P[list(new.values())]
+            plans = [self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in some]
+            known |= dict(zip(new, self._simulated_along(plans, some), strict=True))
         for key in keys:  # the least recently requested is dropped first
             self._simulated.pop(key, None)
             self._simulated[key] = known[key]
@@ -199,10 +200,6 @@ class Bench:
         for key in list(self._simulated)[: max(len(self._simulated) - most, 0)]:
             del self._simulated[key]
         return [known[key] for key in keys]
-
-    def simulate_anew(self, P: Array) -> list[Simulated]:
-        """Simulations with each vector, whether remembered or not."""
-        return self._simulated_along([self._scheduled(tuple(self.simulator.shifts(p[: self.size]))) for p in P], P)
 
     def _simulated_along(self, plans: Sequence[Plans], P: Array) -> list[Simulated]:
         """Simulations with each vector, along its own segments."""
@@ -291,7 +288,8 @@ class Bench:
         J : (N, outputs, columns).
         S : (N, outputs, runs * loose) by the starts of every run.
         """
-        moving, shifts = self._moving(columns), self.simulator.shifts(p[: self.size])
+        moving = [not by.isdisjoint(columns) for by in self._shifted_by]
+        shifts = self.simulator.shifts(p[: self.size])
         plans = self._scheduled(tuple(shifts))
         if any(moving):
             plans = self._planned(shifts, moving)
@@ -330,10 +328,6 @@ class Bench:
     def _lanes_in(self, plans: Plans, p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
         """Lanes of runs, to be differentiated, their parameters, and (lanes, parameter without effect in them)."""
         return lay(plans.runs, [Interval(k, 0, len(run)) for k, run in enumerate(self.runs)], plans.lanes), p, ()
-
-    def _moving(self, columns: Sequence[int]) -> list[bool]:
-        """Of each shift, whether it depends on any of these parameters."""
-        return [not by.isdisjoint(columns) for by in self._shifted_by]
 
     @cached_property
     def _shifted_by(self) -> list[set[int]]:

@@ -31,14 +31,12 @@ class Spread:
     relative : weighted standard deviation of the parts' magnitudes over the magnitude, in excess of noise.
     p_value : how often so much would come from noise.
     parts : coordinate of the magnitude in each part, from low to high; NaN where a part does not inform it.
-    ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
     """
 
     place: str
     relative: float
     p_value: float
     parts: tuple[float, ...]
-    ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -149,17 +147,18 @@ def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], a
         known = weight > CAL.part_least * float(np.sum(weight))
         count = int(np.sum(known))
         offs = np.full(len(known), np.nan)
-        ratio, relative, p = 1.0, 0.0, 1.0
+        relative, p = 0.0, 1.0
         if count:
             curve, pull = H[np.ix_(known, known)], g[known]
             offs[known] = -np.linalg.solve(curve + CAL.ridge * np.diag(np.diag(curve)), pull)
         if count > 1:
             Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(curve)), 1e-300), 0.0)
-            ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
+            ratio = Q / (count - 1)  # one on average where a magnitude is constant
+            p = float(chdtrc(count - 1, Q))
             mean = float(np.average(offs[known], weights=weight[known]))
             variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))
             relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
-        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio))
+        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs)))
     return result
 
 

@@ -13,7 +13,6 @@ from ...engine.simulation import Diagnosed, FreeRuns
 from ...models.effect import AnyModel, Effect
 from ...models.effects.sensors import velocity_lever_arm, velocity_mount_yaw
 from ...models.memory_model import MemoryModel
-from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter, Prior, Stated
 from ...models.roughness import with_roughness
@@ -136,7 +135,7 @@ def prepare(
     step = min(
         (float(np.median(np.diff(recording.time))) for recording in recordings if len(recording) > 1), default=0.0
     )
-    nominal = _with_zones(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
+    nominal = _with_zones(nominal, effects, vehicle, step)
     everything, concerned = nominal, {}
     for name, effect in effects.items():
         if name in OF_VARIANCE or not (name in nominal.effects or effect.concerns(nominal)):
@@ -168,7 +167,7 @@ def _with_form_errors(
 
 def with_priors(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicle | None) -> AnyModel:
     """The model with parameters that have priors free, and all others held; arguments as of `prepare`."""
-    nominal = model.with_parameters(*(_held(model, parameter, vehicle) for parameter in model.parameters))
+    nominal = model.with_parameters(*(_held(parameter, vehicle) for parameter in model.parameters))
     return nominal if vehicle is None else with_tolerances(nominal, vehicle, effects)
 
 
@@ -185,9 +184,7 @@ def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float
     return result
 
 
-def _with_zones(
-    model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float, usual: float
-) -> Diagnosed:
+def _with_zones(model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicle | None, step: float) -> Diagnosed:
     """The model with a narrow prior about every effect's null: within it, a present effect does not matter.
 
     Where a vehicle's file states tolerances of its equations, effects that it says nothing about may be present a
@@ -242,7 +239,7 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
     return model if model.learnt else with_unknown_forces(model)  # its network has absorbed unknown forces
 
 
-def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
+def _held(parameter: Parameter, vehicle: Vehicle | None) -> Parameter:
     """A parameter of the equations or of an effect on them, held unless it has a prior."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)

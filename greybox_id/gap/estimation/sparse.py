@@ -65,7 +65,7 @@ class Quadratic:
         slope, H = self.g + prec * (about.at - about.mean), self.G + np.diag(prec + damping)
         return np.asarray(about.at + least_within(H, slope, low, high, np.ones(len(H), dtype=bool)))
 
-    def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
+    def switched(self, variance: Array, zone: Array, usual: Array) -> Array:
         """(causes,) prior variances of magnitudes of most evidence, from the zone to three times the usual size.
 
         No magnitude may be more than `CAL.leaves` of these standard deviations off: before a cause leaves, everything
@@ -73,7 +73,7 @@ class Quadratic:
         """
         about, main = self.about, self.about.main
         least = np.maximum(zone**2, ((about.at - about.mean)[main] / CAL.leaves) ** 2)
-        for _ in range(rounds):
+        for _ in range(CAL.evidence_rounds):
             off = (self.best(variance) - about.mean)[main]
             known = 1 - np.diag(inverse(self.G + np.diag(self.precision(variance))))[main] / variance
             new = np.clip(off**2 / np.maximum(known, 1e-3), least, np.maximum(least, (3 * usual) ** 2))
@@ -102,7 +102,8 @@ class Sets:
         ours = about.cause >= 0
         rest = ~ours
         H = quadratic.G[np.ix_(rest, rest)] + np.diag(1 / about.sd[rest] ** 2)
-        g = quadratic.g + quadratic.G @ (about.mean - about.at)  # at the means of everything
+        off = about.mean - about.at
+        g = quadratic.g + quadratic.G @ off  # at the means of everything
         scale = 1 / np.sqrt(np.diag(H))
         factor = np.linalg.cholesky(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
         cross = scale[:, None] * quadratic.G[np.ix_(rest, ours)]
@@ -113,7 +114,7 @@ class Sets:
         self.raw = np.diag(quadratic.G)[ours]
         self.cause, self.main, self.sd = about.cause[ours], about.main[ours], about.sd[ours]
         self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
-        at_means = 0.5 * self._at_means(quadratic)
+        at_means = 0.5 * (quadratic.rr + 2 * float(quadratic.g @ off) + float(off @ quadratic.G @ off))
         self.left = at_means - 0.5 * float(d @ d)
         if not self.left > CAL.rounding * at_means:  # only rounding is left where the vehicle spins
             self.left = np.inf
@@ -130,11 +131,6 @@ class Sets:
         other.low, other.high, other._cache = self.low.copy(), self.high.copy(), {}
         other.low[self.main], other.high[self.main] = low, high
         return other
-
-    @staticmethod
-    def _at_means(quadratic: Quadratic) -> float:
-        off = quadratic.about.mean - quadratic.about.at
-        return quadratic.rr + 2 * float(quadratic.g @ off) + float(off @ quadratic.G @ off)
 
     def _precision(self, included: Mask) -> Array:
         """(..., coordinates) prior precisions with sets, (..., causes)."""
@@ -182,11 +178,8 @@ class Sets:
     def _scored(self, included: Mask) -> list[tuple[float, float]]:
         """Score and fit of sets, (n, causes)."""
         by = 1 / np.sqrt(self._precision(included))
-        H, b, x = (
-            np.ascontiguousarray(self.S * (by[:, :, None] * by[:, None, :])),
-            by * self.b,
-            np.full(by.shape, np.nan),
-        )
+        H, b = np.ascontiguousarray(self.S * (by[:, :, None] * by[:, None, :])), by * self.b
+        x = np.full(by.shape, np.nan)
         diagonals = np.einsum("nkk->nk", H)  # a view
         diagonals += 1.0
         for k, (each, slope) in enumerate(zip(H, b, strict=True)):  # symmetric: LAPACK's column order without a copy

@@ -113,14 +113,14 @@ def test_each_half_judges_what_the_other_one_chose():
 
 def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
     cost, elsewhere = CAL.cost_changed, CAL.cost_held_out
-    assert Change(0, (1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
-    assert Change(0, (1.0, 0.1), elsewhere + 0.5, elsewhere + 4.0).least == pytest.approx(0.5)
-    assert Change(0, (1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
-    assert Change(0, (1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
+    assert Change((1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
+    assert Change((1.0, 0.1), elsewhere + 0.5, elsewhere + 4.0).least == pytest.approx(0.5)
+    assert Change((1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
+    assert Change((1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
 
 
 def test_what_would_be_further_off_than_ever_changes_is_no_change():
-    far = Change(0, (1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.reach_sd)
+    far = Change((1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.reach_sd)
     assert far.least == -np.inf
     assert named(searched({"grip": 1.2 * CAL.reach_sd * WIDTH})) == set()
 
