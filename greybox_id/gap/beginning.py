@@ -60,13 +60,7 @@ def with_beginnings(
     whitener: Callable[[Search, Hypothesis | None], Whitener],
     cost: Costs,
 ) -> Selection:
-    """The selection with effects that begin or end, if one of these is the best of all; else unchanged.
-
-    Parameters
-    ----------
-    selection : of effects that act everywhere.
-    candidates, whitener, cost : all candidates; how residuals are whitened; cost of an effect.
-    """
+    """The selection with effects that begin or end, if one of these is the best of all; else unchanged."""
     search = selection.search
     if not isinstance(search.bench, Bench) or not isinstance(search.whitener, ModelError):
         return selection

@@ -41,10 +41,7 @@ def closure(
     Parameters
     ----------
     before, after : the model as stated, and with effects at their magnitudes.
-    recordings : on which both are simulated.
-    vehicle : its stated tolerances and sensor noise.
-    effects : by name, for the vehicle's tolerances.
-    sd : as of `refitted_tolerances`.
+    recordings, vehicle, effects, sd : as of `refitted_tolerances`.
     as_it_stands : `after` with other tolerances, at which refits begin; None: its own.
     """
     there = {one.name: float(one.array) for one in (as_it_stands or after).parameters if one.shape == ()}

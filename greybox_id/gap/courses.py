@@ -28,7 +28,6 @@ def courses(
 
     Parameters
     ----------
-    examined : what was examined.
     best : the causes.
     like : effects that resemble the unexplained error if they vary, likeliest first.
     held_out : recordings that chose nothing: a course along the path is verified where these pass the same places.

@@ -60,7 +60,6 @@ def refused(examined: Examined, names: Collection[str], shared: Budget | None) -
 
     Parameters
     ----------
-    examined : what was examined.
     names : effects that are judged.
     shared : their budget; None where it says nothing: shares of next to no gap, which tolerances may close by chance.
     """
@@ -136,7 +135,6 @@ def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> 
 
     Parameters
     ----------
-    examined : what was examined.
     ways : what informs the sizes.
     level : share of effects that are not there among those that are significant.
 

@@ -182,11 +182,11 @@ def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
     if cuts <= 1:
         return np.array([start])
     begin = plan.row_segment[start:stop]
-    at = np.linspace(*_ends(plan, start, stop), cuts + 1)[:-1]
+    at = np.linspace(*segment_ends(plan, start, stop), cuts + 1)[:-1]
     return np.asarray(start + np.unique(np.searchsorted(begin, at, side="right") - 1))
 
 
-def _ends(plan: Schedule, start: int, stop: int) -> tuple[int, int]:
+def segment_ends(plan: Schedule, start: int, stop: int) -> tuple[int, int]:
     """Segments at which rows start to stop begin and end."""
     last = plan.row_segment[stop] if stop < len(plan.row_segment) else len(plan.segments)
     return int(plan.row_segment[start]), int(last)
@@ -197,7 +197,7 @@ def even_cuts(schedules: Sequence[Schedule], intervals: Sequence[Interval], lane
 
     A call takes as long as its longest lane: with equally many lanes per interval, all would wait for the longest.
     """
-    ends = (_ends(schedules[item.run], item.start, item.stop) for item in intervals)
+    ends = (segment_ends(schedules[item.run], item.start, item.stop) for item in intervals)
     longest: list[tuple[float, int, int]] = [(first - last, k, 1) for k, (first, last) in enumerate(ends)]
     heapify(longest)  # by negative length: the longest comes first
     for _ in range(lanes - len(longest)):

@@ -297,7 +297,6 @@ def explained(
     Parameters
     ----------
     start : (n,) where the search begins.
-    mean, covariance : of the prior.
     moved : indices of the numbers that matter to these rides; the others follow by the prior.
     """
     precision, places = np.asarray(np.linalg.inv(covariance), dtype=float), [np.arange(len(mean)) for _ in rides]
@@ -321,9 +320,7 @@ def _most_probable(
     Parameters
     ----------
     places : of each ride's numbers among the unknowns.
-    start : where the search begins.
-    prior : prior mean and precision of the unknowns.
-    bounds : of the unknowns.
+    prior : mean and precision.
     moved, settled : as of `explained`, `common`.
     """
     mean, precision = prior

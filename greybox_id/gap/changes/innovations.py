@@ -56,9 +56,7 @@ class FollowedRun:
     def of(cls, recording: Recording, read: Sequence[str], seconds: float = CAL.followed) -> FollowedRun:
         """The parts in motion, of at most `seconds` in all; of their readings, those that are far enough apart.
 
-        Raises
-        ------
-        BadInput : the vehicle never moves.
+        Raises `BadInput` where the vehicle never moves.
         """
         moving = recording
         if "v_x" in recording:

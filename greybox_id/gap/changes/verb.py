@@ -169,16 +169,7 @@ def visible_changes(
     vehicle: Vehicle | None,
     say: Callable[..., None] | None = None,
 ) -> tuple[Visible, ...]:
-    """Detection limits of changes on one further recording like those from before.
-
-    Parameters
-    ----------
-    model, since, effects, vehicle, say : as of `diagnose_change`.
-
-    Raises
-    ------
-    BadInput : as of `diagnose_change`.
-    """
+    """Detection limits of changes on one further recording like those from before; all as of `diagnose_change`."""
     model, vehicle, read, possible = _begun(model, [], since, effects, vehicle)
     with threadpool_limits(1):
         full, numbers = numbers_of(model, possible, vehicle)

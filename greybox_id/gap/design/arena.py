@@ -94,41 +94,26 @@ class Arena:
         if self.radius:
             cx, cy, reach = _circle(x, y)
             return Placement(-cx, -cy, 0.0, reach - self.radius)
-        best: Placement | None = None
-        few = _hull(np.column_stack([x, y]))
-        for yaw in self._headings():
+        low, high = np.min(self.outline, axis=0), np.max(self.outline, axis=0)
+        headings, shifts = np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False), np.linspace(-0.5, 0.5, 5)
+        if _is_box(self.outline):
+            headings, shifts = np.radians([0.0, -2.0, 2.0, -5.0, 5.0]), np.zeros(1)
+        shares = np.stack(np.meshgrid(shifts, shifts), axis=-1).reshape(-1, 2)
+        best, few = NOWHERE, _hull(np.column_stack([x, y]))
+        for yaw in headings:
             c, s = np.cos(yaw), np.sin(yaw)
             turned = few @ np.array([[c, s], [-s, c]])
-            low, high = np.min(turned, axis=0), np.max(turned, axis=0)
-            box = np.min(self.outline, axis=0), np.max(self.outline, axis=0)
-            shift = 0.5 * (box[0] + box[1]) - 0.5 * (low + high)
-            for moved in self._shifts(shift, box[1] - box[0] - (high - low)):
+            least, most = np.min(turned, axis=0), np.max(turned, axis=0)
+            middle, room = 0.5 * (low + high) - 0.5 * (least + most), high - low - (most - least)
+            for moved in middle + shares * np.maximum(room, 0.0):
                 out = float(np.max(_outside(self.outline, turned + moved)))
-                if best is None or out < best.outside:
+                if out < best.outside:
                     best = Placement(float(moved[0]), float(moved[1]), float(yaw), out)
-        assert best is not None
         return best
-
-    def _headings(self) -> Array:
-        if _is_box(self.outline):
-            return np.radians([0.0, -2.0, 2.0, -5.0, 5.0])
-        return np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False)
-
-    def _shifts(self, middle: Array, room: Array) -> Array:
-        if _is_box(self.outline):
-            return middle[None]
-        share = np.linspace(-0.5, 0.5, 5)
-        grid = np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2)
-        return np.asarray(middle + grid * np.maximum(room, 0.0))
 
 
 def arena(words: str) -> Arena:
-    """The arena that a description or a file defines.
-
-    Raises
-    ------
-    BadInput : it defines none.
-    """
+    """The arena that a description or a file defines. Raises `BadInput` where it defines none."""
     if result := _STRAIGHT.fullmatch(words):
         length, width = (_size(words, part) for part in result.groups())
         half = 0.5 * width

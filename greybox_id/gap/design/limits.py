@@ -70,7 +70,6 @@ def usual_limits(model: MotionModel, room: tuple[float, float]) -> DriveLimits:
 
     Parameters
     ----------
-    model : with its mass and geometry.
     room : length of the arena, and the diameter of the largest circle in it, m.
     """
     L = number(model, "l_f", 1.3) + number(model, "l_r", 1.46)
@@ -116,12 +115,7 @@ def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> Drive
 
 
 def must_agree(limits: DriveLimits) -> DriveLimits:
-    """The limits, if a manoeuvre within them is possible.
-
-    Raises
-    ------
-    BadInput : they contradict each other.
-    """
+    """The limits, if a manoeuvre within them is possible. Raises `BadInput` where they contradict each other."""
     if limits.speed_min >= limits.speed_max:
         raise BadInput(
             f"The limits contradict each other: speed_min = {limits.speed_min:g} m/s is not below "
@@ -131,12 +125,7 @@ def must_agree(limits: DriveLimits) -> DriveLimits:
 
 
 def read_limits(path: str | Path) -> dict[str, object]:
-    """Limits from a TOML file.
-
-    Raises
-    ------
-    BadInput : it cannot be read, or is no such file.
-    """
+    """Limits from a TOML file. Raises `BadInput` where it cannot be read, or is no such file."""
     result = read_toml(path, "file of limits")
     for name, value in result.items():
         if isinstance(value, float) and not np.isfinite(value):

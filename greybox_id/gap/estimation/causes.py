@@ -13,7 +13,7 @@ from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from .axes import DIRECTIONS, SECONDS, Axis, Candidate, candidates
 from .calibration import CAL
-from .preparing import usual_size
+from .preparing import usual_size, zone_of
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,8 @@ def causes(
 
     Parameters
     ----------
-    model : with all effects at their null.
-    effects : by name.
     shifting : names of parameters on which delays or latencies depend.
     stated : tolerances, among them effects that a file says to be present a little.
-    sample_time : s.
     inexact : whether equations are inexact: small effects are no gap then.
     """
     tolerated = {item.index: item for item in stated}
@@ -93,9 +90,7 @@ def _cause(
     if main.inverse or not np.isfinite(usual):
         usual = main.scale
     tolerance = tolerated.get(main.index)
-    zone = CAL.indifference * usual if inexact and (effect.gradual or main.unit in ("s", "m")) else 0.0
-    if inexact and main.unit == "s":
-        zone = max(zone, CAL.timing * sample_time)
+    zone = zone_of(model, effect, sample_time) if inexact and (effect.gradual or main.unit in ("s", "m")) else 0.0
     if tolerance is not None:
         zone = max(zone, tolerance.sd)
         main = replace(main, mean=tolerance.mean)

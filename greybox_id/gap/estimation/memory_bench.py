@@ -101,14 +101,11 @@ class MemoryBench:
 
         Parameters
         ----------
-        p : (parameters,).
         columns : parameters to differentiate by; by one that is infinite, the derivative is zero.
 
         Returns
         -------
-        y : (N, outputs).
-        J : (N, outputs, columns).
-        S : (N, outputs, 0), for no start is a nuisance.
+        y, J, S : as of `Bench`; S is (N, outputs, 0), for no start is a nuisance.
         """
         sides, spans = [p], []
         for column in columns:

@@ -196,10 +196,8 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
 
     Parameters
     ----------
-    bench : of a model with unknown forces.
-    p : (parameters,).
+    bench, sizes : of a model with unknown forces, and the sizes of these.
     noise : (channels,) standard deviations of the readings at which runs start.
-    sizes : of the same bench.
     more : indices of further parameters to differentiate by: columns of B and D behind those of the forces.
     """
     model, simulator = bench.model, bench.simulator
@@ -323,9 +321,7 @@ def estimated(
     Parameters
     ----------
     about : error dynamics about the simulation that left the residuals.
-    residuals : (N, channels).
-    usable : (N, channels).
-    prior : of the amplitudes.
+    residuals, usable : (N, channels).
     near : where the search begins; None: at the prior's medians.
     """
     kept = tuned_on(about, usable)

@@ -172,7 +172,6 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
 
     Parameters
     ----------
-    bench : whose channels.
     vehicle : noise of its sensors as stated; of a map with memory, the error after training, which holds in any case.
     residuals : (N, channels) of any model: slow model error does not count as noise.
     """

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.shorthands import Array, Index
-from ...engine.motion.lanes import Interval, Lanes, cut_rows, lay
+from ...engine.motion.lanes import Interval, Lanes, cut_rows, lay, segment_ends
 from ...engine.motion.schedule import Schedule
 from .bench import Bench, Integrated, Passage, Plans, Simulated
 
@@ -68,17 +68,21 @@ class PartBench(Bench):
 
     def along(self, p: Array) -> Array:
         """See `Bench`."""
-        plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.size]))), self._of_pieces(p)
-        return np.repeat(
-            by_piece, [_segments(plans.runs[piece.interval.run], piece.interval) for piece in self.pieces], axis=0
-        )
+        plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
+        return np.repeat(self._of_pieces(p), [stop - start for start, stop in self._ends(plans)], axis=0)
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """See `Bench`."""
         plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
-        every = [np.arange(_segments(plans.runs[piece.interval.run], piece.interval)) for piece in self.pieces]
+        every = [np.arange(stop - start) for start, stop in self._ends(plans)]
         (result,) = self._staged([plans], p[None], self._starts(p[None]), [every])
         return [(plan, item.cuts) for plan, item in zip(plans.runs, result, strict=True)]
+
+    def _ends(self, plans: Plans) -> list[tuple[int, int]]:
+        """First segment of each piece, and the one behind its last."""
+        return [
+            segment_ends(plans.runs[run], start, stop) for run, start, stop in (piece.interval for piece in self.pieces)
+        ]
 
     def _staged(
         self, plans: Sequence[Plans], P: Array, starts: Array, cuts: Sequence[Sequence[Index]]
@@ -90,7 +94,7 @@ class PartBench(Bench):
         plans, P, starts : of each simulation, the last (K, runs, nz).
         cuts : of each simulation, by piece, segments at whose starts states are kept.
         """
-        by_piece = np.stack([self._of_pieces(p) for p in P])
+        by_piece, segments = np.stack([self._of_pieces(p) for p in P]), [self._ends(each) for each in plans]
         result: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
         for stage in range(max(piece.stage for piece in self.pieces) + 1):
             now = [
@@ -98,10 +102,8 @@ class PartBench(Bench):
             ]
             passages, z0 = [], []
             for k, at, item in now:
-                run, rows = item.interval.run, item.interval
-                plan = plans[k].runs[run]
-                first = int(plan.row_segment[rows.start])
-                passages.append(Passage(plan, slice(first, first + _segments(plan, rows)), cuts[k][at]))
+                run = item.interval.run
+                passages.append(Passage(plans[k].runs[run], slice(*segments[k][at]), cuts[k][at]))
                 z0.append(result[k][run][-1].end if stage else starts[k, run])
             p = np.array([by_piece[k, at] for k, at, _ in now])
             for (k, _, item), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
@@ -145,9 +147,3 @@ def _joined(pieces: Sequence[Integrated]) -> Integrated:
     """A run made of its integrated pieces."""
     cuts, y = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("cuts", "y"))
     return Integrated(cuts, pieces[-1].end, y)
-
-
-def _segments(plan: Schedule, rows: Interval) -> int:
-    """Number of segments in some rows of a run."""
-    last = plan.row_segment[rows.stop] if rows.stop < len(plan.row_segment) else len(plan.segments)
-    return int(last - plan.row_segment[rows.start])

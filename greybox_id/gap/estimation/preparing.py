@@ -125,9 +125,6 @@ def prepare(
 
     Parameters
     ----------
-    model : to be diagnosed, at its nominal values.
-    recordings : of the vehicle.
-    effects : possible causes, by name.
     vehicle : its stated parameters; one stated without an sd is exact here. None: all priors of equations of motion
         count; those of learnt parameters do not, for they describe them as they were before a fit.
     """
@@ -188,43 +185,38 @@ def _with_zones(model: Diagnosed, effects: Mapping[str, Effect], vehicle: Vehicl
     """The model with a narrow prior about every effect's null: within it, a present effect does not matter.
 
     Where a vehicle's file states tolerances of its equations, effects that it says nothing about may be present a
-    little all the same: by `CAL.indifference` of their usual size, and for timing by a fraction of a row.
+    little all the same.
     """
     believed = [parameter for parameter in model.parameters if not parameter.fixed and parameter.prior is not None]
     if vehicle is None or isinstance(model, MemoryModel) or not believed:
         return model
-    scale = CAL.indifference
-    size = {unit: scale * by for unit, by in _sizes(model).items()}
     for name, effect in effects.items():
-        magnitude, timing = effect.parameter, effect.parameter.unit == "s" or not effect.gradual
         if name in OF_VARIANCE or name in model.effects or not effect.concerns(model):
             continue
-        if not effect.gradual and magnitude.unit not in ("s", "m"):  # effects that act with their square need no zone
-            continue
-        sd = size.get(magnitude.unit, scale * abs(effect.typical - float(magnitude.array)))
-        row = CAL.timing * step if magnitude.unit == "s" else 0.0
-        model = model + stated_effect(effect, Stated(sd=max(sd, row) if timing else sd, source=ZONE))
+        if effect.gradual or effect.parameter.unit in ("s", "m"):  # effects that act with their square need no zone
+            model = model + stated_effect(effect, Stated(sd=zone_of(model, effect, step), source=ZONE))
     return model
+
+
+def zone_of(model: Diagnosed, effect: Effect, step: float) -> float:
+    """Size of an effect that is negligible: a share of its usual size, and for timing at least one of a row, s."""
+    zone = CAL.indifference * usual_size(model, effect)
+    return max(zone, CAL.timing * step) if effect.parameter.unit == "s" else zone
 
 
 def usual_size(model: Diagnosed, effect: Effect) -> float:
     """Usual size of an effect on this vehicle: lengths are in proportion to the wheelbase, forces to the weight."""
-    magnitude = effect.parameter
-    typical = abs(effect.typical - float(magnitude.array))
-    return _sizes(model).get(magnitude.unit, typical) if isinstance(model, MotionModel) else typical
-
-
-def _sizes(model: MotionModel) -> dict[str, float]:
-    """By unit, usual sizes of effects on this vehicle: lengths in proportion to the wheelbase, forces to the weight."""
+    unit, typical = effect.parameter.unit, abs(effect.typical - float(effect.parameter.array))
+    if not isinstance(model, MotionModel):
+        return typical
     held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
-    result = {}
-    if {"l_f", "l_r"} <= held.keys():
-        result["m"] = CAL.of_wheelbase * (held["l_f"] + held["l_r"])
-    if "m" in held:
-        result["N"] = CAL.of_weight * held["m"] * G
-    if held.get("c_2", 0.0) > 0:
-        result["N s^2/m^2"] = CAL.of_drag * held["c_2"]
-    return result
+    if unit == "m" and {"l_f", "l_r"} <= held.keys():
+        return CAL.of_wheelbase * (held["l_f"] + held["l_r"])
+    if unit == "N" and "m" in held:
+        return CAL.of_weight * held["m"] * G
+    if unit == "N s^2/m^2" and held.get("c_2", 0.0) > 0:
+        return CAL.of_drag * held["c_2"]
+    return typical
 
 
 def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:

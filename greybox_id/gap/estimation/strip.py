@@ -57,7 +57,6 @@ def strip(
     bench : whose rows.
     before, after : (N, channels) residuals, zero where nothing counts.
     sd : (channels,) of noise.
-    seen : signals per row.
     excess : (N,) squares of errors over noise that make up the gap, for the map.
     recordings : whose rows these are, for the path.
     """
