@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -46,16 +47,9 @@ class ChangedSet:
     means: tuple[Array, ...]
 
 
-@dataclass(frozen=True)
-class Promising:
-    """A change in addition to a set.
-
-    Attributes
-    ----------
-    place : index of its number.
-    covariance : prior covariance of all numbers, widened for the set and this one.
-    starts : where refits begin.
-    gain : expected, in log-likelihood.
+class Promising(NamedTuple):
+    """A change in addition to a set: index of its number, prior covariance of all numbers, widened for the set and this
+    one, where refits begin, and expected gain in log-likelihood.
     """
 
     place: int

@@ -29,13 +29,7 @@ from .unknown_forces import knows_unknown_forces
 
 @dataclass(frozen=True)
 class Simulated:
-    """A simulation that is kept for reuse.
-
-    Attributes
-    ----------
-    y : (N, outputs) predicted readings.
-    cuts : (lanes, nz) states where `linearise` cuts the runs.
-    """
+    """A simulation: predicted readings, (N, outputs), and states, (lanes, nz), where `linearise` cuts the runs."""
 
     y: Array
     cuts: Array

@@ -6,7 +6,7 @@ these absorb differs from part to part, and is no spread of the magnitude.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,45 +39,16 @@ class Spread:
     parts: tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class _Alone:
-    """One coordinate of a hypothesis, all else refitted to first order.
+InParts = Callable[[Array], tuple[Array, Array]]
+"""(N, K) or (channels, K), one where rows or channels belong to one of K parts -> Hessian and gradient by a coordinate
+in these parts, all else refitted to first order."""
 
-    Attributes
-    ----------
-    does : (N, channels) its column, whitened.
-    itself : (N, channels) the same less what all else can cancel.
-    pulls : (N, channels) its column times the residuals.
-    by_row, by_channel : (N, n), (channels, n) its column times the columns of all else, summed over channels, over
-        rows.
-    inverse, slope : (n, n), (n,) of all else: inverse Hessian, and gradient.
+
+def _alone(search: Search, hypothesis: Hypothesis, at: int) -> tuple[Array, InParts] | None:
+    """How much each row, (N,), informs one coordinate of a hypothesis, and its derivatives in parts.
+
+    None where the recording does not inform it.
     """
-
-    does: Array
-    itself: Array
-    pulls: Array
-    by_row: Array
-    by_channel: Array
-    inverse: Array
-    slope: Array
-
-    def in_parts(self, part: Array) -> tuple[Array, Array]:
-        """Hessian and gradient by the coordinate in K parts, all else refitted.
-
-        Parameters
-        ----------
-        part : (N, K) or (channels, K), one where rows or channels belong to a part.
-        """
-        axis = 1 if len(part) == len(self.does) else 0
-        cross = (self.by_row if axis else self.by_channel).T @ part
-        undone = self.inverse @ cross
-        H = np.diag(np.sum(self.does**2, axis=axis) @ part) - cross.T @ undone
-        g = np.sum(self.pulls, axis=axis) @ part - undone.T @ self.slope
-        return H, g
-
-
-def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
-    """One coordinate of a hypothesis; None where the recording does not inform it."""
     shape = hypothesis.e.shape
     both = search.weighed(np.concatenate([hypothesis.e[:, :, None], hypothesis.J], axis=2))
     both = both.reshape(hypothesis.e.size, -1)
@@ -99,11 +70,19 @@ def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
     known = float(gram[at, at] - alike @ undone[moves])
     if not known > CAL.ridge * float(gram[at, at]):
         return None
-    itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
-    slope = np.concatenate([g, J.T @ r])[moves]
+    cancelled = (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)  # by all else
+    pulls, slope = does * r.reshape(shape), np.concatenate([g, J.T @ r])[moves]
     by_row, by_channel = zip(*(_products(does, item.reshape(*shape, -1)) for item in (search.white, J)), strict=True)
     rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
-    return _Alone(does, itself, does * r.reshape(shape), rows, channels, inverse, slope)
+
+    def in_parts(part: Array) -> tuple[Array, Array]:
+        axis = 1 if len(part) == len(does) else 0
+        cross = (rows if axis else channels).T @ part
+        undone = inverse @ cross
+        H = np.diag(np.sum(does**2, axis=axis) @ part) - cross.T @ undone
+        return H, np.sum(pulls, axis=axis) @ part - undone.T @ slope
+
+    return np.sum((does - cancelled) ** 2, axis=1), in_parts
 
 
 def _products(one: Array, many: Array) -> tuple[Array, Array]:
@@ -118,11 +97,12 @@ def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array],
     alone = _alone(search, hypothesis, at)
     if alone is None:
         return []
-    informs = np.sum(alone.itself**2, axis=1)
+    informs, in_parts = alone
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
     here = acts_on(search, hypothesis, effect)  # errors of other channels say nothing about a sensor
     cuts[BETWEEN_CHANNELS] = np.eye(len(here))[:, here]
-    return _spreads(alone, hypothesis, cuts, at)
+    m, null = float(hypothesis.m[at]), hypothesis.axes[at].null
+    return [_spread(place, m, null, *in_parts(part)) for place, part in cuts.items()]
 
 
 def acts_on(search: Search, hypothesis: Hypothesis, effect: int) -> NDArray[np.bool_]:
@@ -137,29 +117,24 @@ def acts_on(search: Search, hypothesis: Hypothesis, effect: int) -> NDArray[np.b
     return np.asarray(does > CAL.acts**2 * np.sum(does))
 
 
-def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], at: int) -> list[Spread]:
-    m = float(hypothesis.m[at])
-    size = abs(m - hypothesis.axes[at].null) + 1e-300
-    result = list[Spread]()
-    for place, part in cuts.items():
-        H, g = alone.in_parts(part)
-        weight = np.diag(H)
-        known = weight > CAL.part_least * float(np.sum(weight))
-        count = int(np.sum(known))
-        offs = np.full(len(known), np.nan)
-        relative, p = 0.0, 1.0
-        if count:
-            curve, pull = H[np.ix_(known, known)], g[known]
-            offs[known] = -np.linalg.solve(curve + CAL.ridge * np.diag(np.diag(curve)), pull)
-        if count > 1:
-            Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(curve)), 1e-300), 0.0)
-            ratio = Q / (count - 1)  # one on average where a magnitude is constant
-            p = float(chdtrc(count - 1, Q))
-            mean = float(np.average(offs[known], weights=weight[known]))
-            variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))
-            relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
-        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs)))
-    return result
+def _spread(place: str, m: float, null: float, H: Array, g: Array) -> Spread:
+    """The spread of a magnitude m with these derivatives in parts."""
+    weight = np.diag(H)
+    known = weight > CAL.part_least * float(np.sum(weight))
+    count = int(np.sum(known))
+    offs = np.full(len(known), np.nan)
+    relative, p = 0.0, 1.0
+    if count:
+        curve, pull = H[np.ix_(known, known)], g[known]
+        offs[known] = -np.linalg.solve(curve + CAL.ridge * np.diag(np.diag(curve)), pull)
+    if count > 1:
+        Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(curve)), 1e-300), 0.0)
+        ratio = Q / (count - 1)  # one on average where a magnitude is constant
+        p = float(chdtrc(count - 1, Q))
+        mean = float(np.average(offs[known], weights=weight[known]))
+        variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))
+        relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / (abs(m - null) + 1e-300)
+    return Spread(place, relative, p, tuple(float(m + off) for off in offs))
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:

@@ -24,13 +24,7 @@ from .calibration import CAL
 
 @dataclass(frozen=True)
 class PredictedRun:
-    """The rows of an unbroken run that have a prediction.
-
-    Attributes
-    ----------
-    time : (n,) s.
-    held : (inputs,) whether an input is held between rows: never, for a map knows nothing between its samples.
-    """
+    """The rows of an unbroken run that have a prediction; no input is held: a map knows nothing between its samples."""
 
     time: Array
     held: NDArray[np.bool_]

@@ -360,19 +360,7 @@ def estimated(
 
 def tuned_on(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
     """The beginnings of runs that amplitudes are estimated from, with the usable readings alone."""
-    return _first(_only(about, usable), CAL.segments)
-
-
-def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
-    """The same with the usable readings alone."""
-    kept = usable[about.row, about.channel]
-    places = np.repeat(np.arange(len(about.first)), np.diff(about.pointer))[kept]
-    pointer = np.searchsorted(places, np.arange(len(about.pointer)))
-    return replace(about, row=about.row[kept], channel=about.channel[kept], pointer=pointer)
-
-
-def _first(about: Linearised, most: int) -> Linearised:
-    """The first segments of each run, about `most` in all."""
+    about, most = _only(about, usable), CAL.segments
     count = len(about.first)
     if count <= most:
         return about
@@ -381,13 +369,20 @@ def _first(about: Linearised, most: int) -> Linearised:
     kept = np.zeros(count, dtype=bool)
     for a, b in zip(begins, ends, strict=True):
         kept[a : a + max(1, round((b - a) * most / count))] = True
-    readings = np.repeat(kept, np.diff(about.pointer))
-    sizes = np.diff(about.pointer)[kept]
+    readings, sizes = np.repeat(kept, np.diff(about.pointer)), np.diff(about.pointer)[kept]
     return replace(
         about, A=about.A[kept], B=about.B[kept], C=about.C[kept], D=about.D[kept], length=about.length[kept],
         force=about.force[kept], first=about.first[kept], pointer=np.concatenate(([0], np.cumsum(sizes))),
         row=about.row[readings], channel=about.channel[readings],
     )  # fmt: skip
+
+
+def _only(about: Linearised, usable: NDArray[np.bool_]) -> Linearised:
+    """The same with the usable readings alone."""
+    kept = usable[about.row, about.channel]
+    places = np.repeat(np.arange(len(about.first)), np.diff(about.pointer))[kept]
+    pointer = np.searchsorted(places, np.arange(len(about.pointer)))
+    return replace(about, row=about.row[kept], channel=about.channel[kept], pointer=pointer)
 
 
 @dataclass(frozen=True)
