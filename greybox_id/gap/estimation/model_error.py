@@ -456,10 +456,14 @@ def negative_log_likelihood(
         forces = Processes(*(np.concatenate(pair, axis=1) for pair in pairs))
     nu, variance, _ = _filtered(about, lanes, forces, r)
     logarithm = np.log(variance)
-    if fisher is not None:
-        loud, off = np.sqrt(0.5) * (logarithm - logarithm[:, :1]), (nu - nu[:, :1]) / np.sqrt(variance[:, :1])
-        fisher += loud.T @ loud + off.T @ off
-    return np.asarray(0.5 * (np.einsum("rl,rl->l", nu, nu / variance) + np.sum(logarithm, axis=0)))
+    result = 0.5 * (np.einsum("rl,rl->l", nu, nu / variance) + np.sum(logarithm, axis=0))
+    if fisher is not None:  # in place: these arrays are large
+        nu -= nu[:, :1]
+        nu /= np.sqrt(variance[:, :1])
+        logarithm -= logarithm[:, :1]
+        logarithm *= np.sqrt(0.5)
+        fisher += logarithm.T @ logarithm + nu.T @ nu
+    return np.asarray(result)
 
 
 def _filtered(
