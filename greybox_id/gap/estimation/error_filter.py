@@ -115,10 +115,12 @@ def _filtered(  # pragma: no cover
                 P[:] = np.diag(np.concatenate((start, colour[:, lane] ** 2, sd[k, :, lane] ** 2)))
             for i in range(pointer[k], pointer[k + 1]):
                 h, s, nu = H[k, channel[i]], white[channel[i], lane], r[i]
+                g[:] = 0.0
                 for a in range(n):
-                    g[a] = 0.0
-                    for b in range(n):
-                        g[a] += P[b, a] * h[b]
+                    if h[a] != 0.0:  # few are not
+                        for b in range(n):
+                            g[b] += h[a] * P[a, b]
+                for a in range(n):
                     s += h[a] * g[a]
                     nu -= h[a] * x[a]
                 for a in range(n):
@@ -130,10 +132,11 @@ def _filtered(  # pragma: no cover
                 if lane == 0:
                     gain[i] = K
             if k + 1 < S and not first[k + 1]:
-                decay[:c] = slow[k, lane]
-                decay[c:] = fade[k, :, lane] * sd[k + 1, :, lane] / sd[k, :, lane]
-                driven[:c] = colour[:, lane] ** 2 * (1.0 - slow[k, lane] ** 2)
-                driven[c:] = sd[k + 1, :, lane] ** 2 * (1.0 - fade[k, :, lane] ** 2)
+                for j in range(c):
+                    decay[j], driven[j] = slow[k, lane], colour[j, lane] ** 2 * (1.0 - slow[k, lane] ** 2)
+                for j in range(n - nz - c):
+                    rho, now, later = fade[k, j, lane], sd[k, j, lane], sd[k + 1, j, lane]
+                    decay[c + j], driven[c + j] = rho * later / now, later**2 * (1.0 - rho**2)
                 M = F[k] @ P
                 x[:nz] = F[k] @ x
                 P[:nz, :nz] = M @ F[k].T
