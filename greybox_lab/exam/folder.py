@@ -10,11 +10,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import read_json
+from greybox_id.datasets.column_map import column_map
+from greybox_id.datasets.repair import map_text
 
 CASES, SEALED = "cases", "sealed"
 COLUMNS = "columns.toml"
@@ -27,6 +31,11 @@ UNFINISHED = "unfinished.json"
 TAKEN = "taken"
 """Folder of locks, one per case that a run is diagnosing."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"
+
+
+def columns_text(hold: Literal["zero", "linear"]) -> str:
+    """The column map "canonical", as the text of a file, with how commands run between rows: "zero" or "linear"."""
+    return map_text(replace(column_map("canonical"), hold=hold, hold_stated=True))
 
 
 def exam_of(cases: Path) -> Path:

@@ -10,11 +10,10 @@ import numpy as np
 
 from greybox_id.base.files import write_atomically
 from greybox_id.datasets.recording import Recording
-from greybox_id.datasets.shipped import named_text
 from greybox_id.models.vehicle import ChosenModel, vehicle, write_vehicle
 
 from .answers import Answer, write_answer
-from .folder import AFTER, BEFORE, CASES, COLUMNS, SEALED
+from .folder import AFTER, BEFORE, CASES, COLUMNS, SEALED, columns_text
 from .make import write_recording
 
 
@@ -39,9 +38,9 @@ class ChangedCase:
     def written(self, folder: Path) -> Answer:
         """Write the case into an examination."""
         given, (first, *more) = folder / CASES / self.answer.case, self.after
-        value, (canonical, _) = vehicle(self.vehicle), named_text("canonical", "columns", "column map")
+        value = vehicle(self.vehicle)
         write_vehicle(replace(value, model=ChosenModel(self.model)) if self.model else value, given / "vehicle.toml")
-        write_atomically(given / COLUMNS, canonical.replace('hold = "zero"', f'hold = "{first.hold}"'))
+        write_atomically(given / COLUMNS, columns_text(first.hold))
         write_recording(first, given / "recording.csv")
         for one in more:
             write_recording(one, given / AFTER)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from importlib import resources
 from math import ceil
 
 import numpy as np
@@ -28,6 +27,7 @@ from ...virtual.virtual_vehicle.loop import STEP
 from ...virtual.virtual_vehicle.manoeuvres import closed_road, planned, robot
 from ...virtual.virtual_vehicle.sensors import Motion, hung, instants, noisy, read
 from ..case import Draw, MadeCase, fair_case, with_lateral_velocity
+from ..folder import columns_text
 from ..plan import Planned
 from ..replays import Replays
 from .double_track import DoubleTrack
@@ -351,14 +351,9 @@ class _ForeignCase(Draw):
         withheld = together({k: v for k, v in self.true.small.items() if k in self.drawn}, self.drawn)
         car = {"kind": self.stated.kind, "parameters": dict(self.true.parameters), "small": dict(self.true.small),
                "numbers": dict(self.numbers), "noise": dict(self.stated.noise)}  # fmt: skip
-        about, map_ = {"family": self.planned.family, "rate": self.rate}, columns(self.ride.linear_hold)
-        return self.case(held_out, withheld, car, about, {"form_error": self.form}, map_)
-
-
-def columns(linear_hold: bool) -> str:
-    """The canonical column map, with the hold of commands between rows."""
-    text = resources.files("greybox_id.datasets").joinpath("columns", "canonical.toml").read_text("utf-8")
-    return text.replace('hold = "zero"', 'hold = "linear"') if linear_hold else text
+        about = {"family": self.planned.family, "rate": self.rate}
+        hold = columns_text("linear" if self.ride.linear_hold else "zero")
+        return self.case(held_out, withheld, car, about, {"form_error": self.form}, hold)
 
 
 def _shifted(numbers: Mapping[str, float], stated: VirtualCar, true: VirtualCar) -> dict[str, float]:

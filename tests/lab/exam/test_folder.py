@@ -5,7 +5,15 @@ import json
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_lab.exam.folder import seal, unbroken
+from greybox_id.datasets.column_map import column_map, parse_column_map
+from greybox_lab.exam.folder import columns_text, seal, unbroken
+
+
+@pytest.mark.parametrize("hold", ["zero", "linear"])
+def test_a_case_states_how_commands_run_between_rows(hold):
+    stated = parse_column_map(columns_text(hold), "columns.toml")
+    assert (stated.hold, stated.hold_stated) == (hold, True)
+    assert stated.signals == column_map("canonical").signals
 
 
 def test_what_a_candidate_leaves_breaks_no_seal(exam):

@@ -254,6 +254,8 @@ def test_a_foreign_examination_is_written_and_sealed(tmp_path):
         recording, stated = read(given / "recording.csv", given / "columns.toml"), vehicle(given / "vehicle.toml")
         answer = read_answer(made.folder / "sealed" / case / "answer.json")
         assert 59 <= recording.duration <= 101
+        assert recording.hold_stated
+        assert recording.hold == ("linear" if answer.car["numbers"]["linear_hold"] else "zero")
         assert stated.noise.keys() == answer.car["noise"].keys()
         assert max(answer.about["form_error"].values()) <= FORM_MOST
         assert answer.sizable == (answer.kind == "single")
