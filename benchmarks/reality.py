@@ -59,7 +59,8 @@ from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
 from greybox_id.models.vehicle import vehicle
-from greybox_lab.exam.foreign.case import columns, driven, recorded
+from greybox_lab.exam.folder import columns_text
+from greybox_lab.exam.foreign.case import driven, recorded
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 
@@ -245,7 +246,7 @@ def putnam(data: Path, place: Path) -> dict[str, Any]:
     stated, mapping, linear = place / "indy.toml", place / "putnam.toml", place / "linear.toml"
     stated.write_text(PUTNAM)
     mapping.write_text('name = "putnam"\nhold = "linear"\n' + PUTNAM_COLUMNS)
-    linear.write_text(columns(True))
+    linear.write_text(columns_text("linear"))
     whole = read(source, mapping).where("v_x > 8")
     parts = (whole.rows(0, 4 * len(whole) // 5), whole.rows(4 * len(whole) // 5, len(whole)))
     files = [place / "putnam_first.csv", place / "putnam_last.csv"]
@@ -301,7 +302,7 @@ def commonroad(number: int, seed: int, place: Path) -> dict[str, Any]:
     usual = tolerances(car)
     soft = {f"B_{axle}": YIELDS * stated[f"B_{axle}"] for axle in "fr"}
     file.write_text(vehicle_file_text(car, Tolerances({**usual.parameters, **soft}, usual.effects)))
-    mapping.write_text(columns(True))
+    mapping.write_text(columns_text("linear"))
     options = ("--vehicle", str(file), "--columns", str(mapping), "--held-out", str(files[1]))
     row = gap(case, place, files[:1], *options)
     return row | {"true": list(TRUE), "both": set(TRUE) <= set(row.get("applied", {}))}

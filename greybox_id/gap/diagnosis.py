@@ -25,6 +25,7 @@ from .closing import left_open, on_held_out
 from .courses import courses
 from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
+from .estimation.hold import otherwise, restated
 from .estimation.hypothesis import Hypothesis
 from .estimation.observer import PULLED
 from .estimation.preparing import excerpt
@@ -88,10 +89,12 @@ def diagnose(
     tell = say or (lambda line, **_: None)
     with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         result = examine(model, recordings, effects, vehicle, tell)
-        gap = answer(result, held_out, tell)
+        doubted = restated(recordings, result.recordings)
+        gap = answer(result, otherwise(held_out) if doubted else held_out, tell)
+        gap = replace(gap, doubts=(*gap.doubts, *doubted))
         if not horizons or gap.closed is None:
             return gap
-        errors = by_horizon(model, gap.closed, recordings, result.sd)
+        errors = by_horizon(model, gap.closed, result.recordings, result.sd)
         return replace(gap, gap=replace(gap.gap, errors=errors))
 
 
@@ -100,7 +103,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     selection, good, sd = examined.selection, examined.good, examined.sd
     scattered = any(present > CAL.present for _, present in examined.scatter.values())
     unknown = 1.0 - (1.0 - unnamed_probability(examined)) * (1.0 - misnamed_probability(examined))
-    like = examined.resembles() if unknown > CAL.suspected else ()
+    like = examined.resembles if unknown > CAL.suspected else ()
     if like:  # gains by far more than chance
         unknown = max(unknown, CAL.nameless)
     detected = bool(examined.best.candidates) or scattered or unknown > CAL.present
@@ -113,7 +116,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         unknown = max(unknown, CAL.nameless)
     if shared is not None and not shared.shows and any(share.low <= 0 for share in shared.shares):
         shared = None  # shares of next to no gap, where the effects themselves are certain
-    like = like or (examined.resembles() if unknown > CAL.present else ())
+    like = like or (examined.resembles if unknown > CAL.present else ())
     before = (selection.base.e / sd) ** 2
     excess = np.sum(np.where(good, before - ((best.e / sd) ** 2 if applied else 1), 0.0), axis=1)
     ratio = np.array([np.sqrt(np.mean(before[one, c])) if np.any(one := good[:, c]) else np.nan

@@ -24,6 +24,7 @@ from .estimation.calibration import CAL
 from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, unsteadiness, varies
 from .estimation.free_runs import at_their_best, inliers, misfit
+from .estimation.hold import explained_otherwise, otherwise
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.model_error import (
     AmplitudePrior,
@@ -126,6 +127,7 @@ class Examined:
         good = inliers(then.e, self.good, self.bench)
         return closed_by(before, then, self.sd, good, self.bench, self.closed.recordings)
 
+    @cached_property
     def resembles(self) -> tuple[Wander, ...]:
         """Effects whose magnitudes, if they varied all the time, would produce the remaining error."""
         search, bench = self.selection.search, self.bench
@@ -169,6 +171,7 @@ def examine(
             f"{recordings[0].name} lasts {seconds:.2g} s: too short to show what a simulation lacks. Name recordings "
             f"of {CAL.least_seconds:g} s at least; half a minute is usual."
         )
+    given = (effects, vehicle)
     examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
     vehicle, effects = with_direction(vehicle, effects, model, recordings)
     prepared = prepare(model, examined, effects, vehicle)
@@ -203,8 +206,12 @@ def examine(
     stands = partial(_stands, observer, good)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
     selection = select(together, tolerated, cost, _unsteadiness, search.trust, partial(stands, bench))
-    search = selection.search
-    if stands(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
+    search, likeliest = selection.search, min((*selection.tried, selection.base), key=by_cost)
+    if explained_otherwise(search, likeliest, prepared, examined):
+        tell("commands that run the other way between rows explain the recordings better: examining them so")
+        stated = [replace(recording, hold_stated=True) for recording in otherwise(recordings)]
+        return examine(model, stated, *given, tell)
+    if stands(bench, search.vector(likeliest)):
         selection = with_beginnings(selection, possible, whiten, cost)
     if bench.learnt:
         selection = by_plain_errors(selection, sd, good)

@@ -136,6 +136,9 @@ class Calibration:
     of_small_signal: float = _known(
         0.05, "error of predictions of v_y over these, by inexact equations: a small difference of large quantities"
     )
+    otherwise: float = _known(
+        25.0, "nats that the other hold of commands must gain: 16 wrongly, beside jitter; 230 to 1 000 of 20 ms", DRAWN
+    )
     far_reading: float = _known(4.5, "robust sds from neighbours' errors, beyond which a reading shows no closure")
     spike: float = _known(6.0, "robust sds of an outlier, where noise is estimated")
     too_large: float = _known(0.8, "residuals over stated noise, below which the latter is stated too large")
@@ -143,7 +146,10 @@ class Calibration:
     # ---- meaning of words
     shows: float = _known(0.1, "excess of free runs over noise that must be detected; shares of less are chance", AGAIN)
     wander_shares: tuple[float, ...] = _known((0.03, 0.1, 0.3, 1.0), "sd over its usual size: where searches begin")
-    wander_memories: tuple[float, ...] = _known((0.7, 3.0, 12.0), "s, correlation time: the same, from a bend to a lap")
+    wander_memories: tuple[float, ...] = _known((1.4, 7.0), "s, correlation time: the same, of a bend and of a lap")
+    promising: float = _known(
+        0.5, "share of the gain that must be reached there: up to 1.8 times an sd and 2.2 times a time lose a third"
+    )
     wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such an sd: up to where the next is")
     wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
     knots_apart: float = _known(0.25, "distance between knots of a course, over the reach of its magnitude", DEFINED)
@@ -297,6 +303,7 @@ class Calibration:
     acts_alike: float = _known(
         0.5, "cosine between the columns of two causes, all else refitted, from which on they act alike", DEFINED
     )
+    refits_of_set: int = _known(4, "most times that a set of causes is refitted by as many steps as below", SEARCHED)
     exchange_steps: int = _known(6, "most steps with a cause in another one's place: secants halve errors")
     dampings: tuple[float, ...] = _known(
         (0.0, *(10.0**k for k in range(7))),
@@ -312,6 +319,7 @@ class Calibration:
     scale_changes: int = _known(2, "times at most that it is changed", SEARCHED)
     second_odds: float = _known(1.0, "further log-odds against each free second parameter", DEFINED)
     still: float = _known(0.05, "step over scales, below which the search has converged", SEARCHED)
+    still_gain: float = _known(0.3, "nats that a step gains, below which it has: a tenth of what tells names apart")
     strides: tuple[float, ...] = _known(
         (1.0, 3.0),
         "longest joint steps, in sds or usual sizes, of each of two walks",
@@ -323,7 +331,7 @@ class Calibration:
         "workshop 778, many 1571, rough 871 and 891, shipped racer, Indy car, CommonRoad",
     )
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
-    moved_on: float = _known(0.2, "step over scales, after which causes are probed anew", SEARCHED)
+    moved_on: float = _known(5.0, "nats that a step gains, after which causes are probed anew", SEARCHED)
     second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
 
     # ---- numerics

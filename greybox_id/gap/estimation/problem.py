@@ -411,9 +411,10 @@ class JointProblem:
         on[k] = False
         return self._at_probes(replace(state, on=on))
 
-    def forget(self) -> None:
-        """Drop kept columns of causes that are not simulated: they were taken about another state."""
-        self._slopes.clear()
+    def forget(self, which: Mask | None = None) -> None:
+        """Drop kept columns of causes that are not simulated, (causes,) some or all: they lie about another state."""
+        for k in [k for k in self._slopes if which is None or which[k]]:
+            del self._slopes[k]
 
     def moved(self, state: JointState, x: Array, on: Mask) -> JointState:
         """The state at coordinates `x` of `Linear`, with the causes `on` simulated at their magnitudes there."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,27 @@ from .first_order import FirstOrder
 from .noise import Whitener
 from .problem import JointProblem, JointState, Linear
 from .sparse import Quadratic
+
+
+@dataclass(frozen=True)
+class JointStep:
+    """A step of all coordinates.
+
+    Attributes
+    ----------
+    state : after it.
+    length : in standard deviations and usual sizes, largest over coordinates.
+    gained : nats by which the objective fell.
+    """
+
+    state: JointState
+    length: float
+    gained: float
+
+    @property
+    def last(self) -> bool:
+        """Whether the search has converged: coordinates that a recording hardly informs move far and gain nothing."""
+        return self.length < CAL.still or self.gained < CAL.still_gain
 
 
 class DampedSteps:
@@ -30,13 +51,16 @@ class DampedSteps:
     def __init__(self, problem: JointProblem, stride: float = CAL.strides[0]) -> None:
         self.problem, self.stride = problem, stride
         self.switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
-        usual = np.concatenate([problem.theta_sd, problem.usual])
-        self._usual, self._longest = usual, stride * usual
+
+    @property
+    def _usual(self) -> Array:
+        """Standard deviations of parameters, at the present scale of model error, and usual sizes of causes."""
+        return np.concatenate([self.problem.theta_sd, self.problem.usual])
 
     def taken(
         self, state: JointState, quadratic: Quadratic, variance: Array, whitener: Whitener, included: Mask | None = None
-    ) -> tuple[JointState, float]:
-        """The state after a step, and its length in standard deviations and usual sizes, largest over coordinates.
+    ) -> JointStep:
+        """The step from a state that lowers the objective most.
 
         Parameters
         ----------
@@ -54,7 +78,7 @@ class DampedSteps:
             included |= state.on & (np.abs(state.m - problem.null) > self.switched_at)
         on = included & ~problem.smooth
         back = replace(state, on=state.on & on) if np.any(state.on & ~on & ~problem.smooth) else state
-        new, least = back, np.inf
+        new, least, gained = back, np.inf, 0.0
         for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to converge first
             first = FirstOrder(quadratic, quadratic.precision(variance), self.switched_at, goes & ~state.on)
             within = np.maximum(first.low, -stride), np.minimum(first.high, stride)
@@ -65,13 +89,13 @@ class DampedSteps:
             here, *values = self._objectives([back, *ahead], first, whitener, variance)
             best = int(np.argmin(values))
             if values[best] < min(here + 1e-6, least):
-                new, least = ahead[best], values[best]
+                new, least, gained = ahead[best], values[best], here - values[best]
                 if known:  # causes of a given set are simulated as soon as that lowers the objective
                     break
         if new is back:
-            return back, 0.0
+            return JointStep(back, 0.0, 0.0)
         moved = np.concatenate([new.theta - state.theta, new.m - state.m])
-        return new, float(np.max(np.abs(moved) / self._usual, initial=0.0))
+        return JointStep(new, float(np.max(np.abs(moved) / self._usual, initial=0.0)), gained)
 
     def _dampings(self, linear: Linear) -> list[Array]:
         """(K,) each: damping precisions; first-order coordinates are not damped."""
@@ -82,7 +106,8 @@ class DampedSteps:
     def _strides(self, linear: Linear) -> Array:
         """(K,) longest steps: beyond these, simulations differ from their linearisation."""
         stride = np.full(len(linear.at), np.inf)
-        stride[: len(self._longest)] = self._longest
+        usual = self._usual
+        stride[: len(usual)] = self.stride * usual
         return np.where(linear.moved, stride, np.inf)
 
     def _objectives(

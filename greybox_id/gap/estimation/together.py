@@ -27,6 +27,7 @@ from .model_error import (
     estimated,
     linearised,
     model_error,
+    sizes_of,
 )
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState
@@ -177,8 +178,8 @@ class JointSearch:
             for step in range(steps):
                 state, quadratic = self._linear(state, whitener, step == 0, variance)
                 variance = quadratic.switched(variance, problem.zone, problem.usual)
-                state, went = self._stepped(state, quadratic, variance, whitener)
-                if went < CAL.still and step > 0:
+                state, last = self._stepped(state, quadratic, variance, whitener)
+                if last and step > 0:
                     break
             result.append(self.settled(state, error_scale, variance, whitener))
         return result
@@ -187,8 +188,9 @@ class JointSearch:
         """The best stage at the scale of model error that its unknown forces show.
 
         Errors that unknown forces absorb, random in time, indicate model-form errors of the same scale, which are
-        constant: priors of the latter are widened to it, and causes must gain beside these. Where model error is much
-        larger than usual, the stage without any cause, from the prior means, is tried too.
+        constant: priors of the latter are widened to it, and causes must gain beside these, unless the evidence is
+        against so large a scale. Where model error is much larger than usual, the stage without any cause, from the
+        prior means, is tried too.
         """
         for _ in range(CAL.scale_changes):
             error_scale = self._shown_error_scale(best)
@@ -202,8 +204,11 @@ class JointSearch:
             again = max(result, key=lambda item: item.evidence)
             if not np.isfinite(again.evidence):  # with such form errors, tyre curves overflow
                 break
+            if error_scale > best.error_scale and again.evidence < best.evidence:
+                break
             best = again
         self.problem.set_error_scale(best.error_scale)
+        self.problem.forget()
         return best
 
     def exchanged(self, stage: JointStage) -> JointStage:
@@ -248,8 +253,8 @@ class JointSearch:
         """Unknown forces over their usual size, at least one."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
-        shown, usual = stage.whitener.amplitudes, self.whitening.prior.median
-        return max(1.0, shown.share_y / usual.share_y, shown.share_x / usual.share_x)
+        _, over_usual = sizes_of(stage.whitener.about, stage.whitener.amplitudes, self.whitening.prior.median)
+        return max(1.0, over_usual)
 
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array, gains: Array) -> tuple[JointStage, Array]:
         """Drop the causes that gain less than they must, and add those that gain enough beside the rest.
@@ -268,35 +273,37 @@ class JointSearch:
         stage, gains : the stage, and what each of its causes gains, (causes,) zero for those not included.
         """
         dismissed, together = np.zeros(len(stage.included), dtype=bool), set[tuple[int, int]]()
-        if np.any(stage.included):  # by as many steps as the stages without one of its causes
-            stage = self.refitted(stage, stage.included, CAL.exchange_steps)
         while True:
+            stage = self._converged(stage)
             beyond = stage.sets.beyond(stage.included)
-            if np.any(beyond):  # a step overshot, or no magnitude within the bounds fits
-                stage = self.refitted(stage, stage.included, CAL.exchange_steps)
-                beyond = stage.sets.beyond(stage.included)
             gains = np.where(beyond, 0.0, gains) if np.any(beyond) else self._gains(stage, prices, unsteady, gains)
             steady = discounted(gains, unsteady)
             weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.included & ~(steady >= prices)))
-            if not weak:
-                again = self.refitted(stage, stage.included, CAL.exchange_steps)
-                if again.sets.cost(again.included) < stage.sets.cost(stage.included) - CAL.enough:  # not converged yet
-                    stage = again
-                    continue
-                without = self._without_both(stage, prices, together)
-                if without is not None:
-                    stage = without
-                    continue
-                better = self._with_another(stage, prices, unsteady, dismissed)
-                if better is None:
-                    return stage, gains
-                stage = better
+            if weak:
+                dismissed[weak] = True
+                weak.sort(key=lambda k: steady[k] - prices[k])
+                included = stage.included.copy()
+                included[weak[: -(-len(weak) // 2)]] = False  # half of them at once
+                stage = self.refitted(stage, included, CAL.exchange_steps)
                 continue
-            dismissed[weak] = True
-            weak.sort(key=lambda k: steady[k] - prices[k])
-            included = stage.included.copy()
-            included[weak[: -(-len(weak) // 2)]] = False  # half of them at once
-            stage = self.refitted(stage, included, CAL.exchange_steps)
+            other = self._without_both(stage, prices, together)
+            if other is None:
+                other = self._with_another(stage, prices, unsteady, dismissed)
+            if other is None:
+                return stage, gains
+            stage = other
+
+    def _converged(self, stage: JointStage) -> JointStage:
+        """The stage refitted until its cost falls no further."""
+        if not np.any(stage.included):
+            return stage
+        for _ in range(CAL.refits_of_set):
+            again = self.refitted(stage, stage.included, CAL.exchange_steps)
+            fell = stage.sets.cost(stage.included) - again.sets.cost(again.included)
+            stage = again
+            if fell < CAL.enough and not np.any(stage.sets.beyond(stage.included)):
+                break
+        return stage
 
     def _gains(self, stage: JointStage, prices: Array, unsteady: Array, before: Array) -> Array:
         """What each cause of a stage gains beside the others.
@@ -397,10 +404,10 @@ class JointSearch:
             about_it = not np.any(
                 state.on & ~included & ~self.problem.smooth
             )  # else once more, without causes that left
-            state, went = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
+            state, last = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
             state, quadratic = self._linear(state, stage.whitener, False, variance)
             steps -= about_it
-            if about_it and went < CAL.still:
+            if about_it and last:
                 break
         return replace(stage, state=state, included=included, quadratic=quadratic, sets=self._sets(quadratic))
 
@@ -436,8 +443,8 @@ class JointSearch:
                 best = stage
             if step == rounds:
                 break
-            state, went = self._stepped(state, quadratic, self.variance(included), by, included)
-            if went < CAL.still and by is not whitener:
+            state, last = self._stepped(state, quadratic, self.variance(included), by, included)
+            if last and by is not whitener:
                 break
         assert best is not None
         return best
@@ -471,8 +478,8 @@ class JointSearch:
     def _stepped(
         self, state: JointState, quadratic: Quadratic, variance: Array, whitener: Whitener,
         included: Mask | None = None, trial: bool = False,
-    ) -> tuple[JointState, float]:  # fmt: skip
-        state, went = self.steps.taken(state, quadratic, variance, whitener, included)
-        if went > CAL.moved_on and not trial:
-            self.problem.forget()
-        return state, went
+    ) -> tuple[JointState, bool]:  # fmt: skip
+        step = self.steps.taken(state, quadratic, variance, whitener, included)
+        if step.gained > CAL.moved_on and not trial:  # those that are switched off are probed anew at each scale
+            self.problem.forget(variance > 4 * self.problem.zone**2)
+        return step.state, step.last

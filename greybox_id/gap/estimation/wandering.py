@@ -89,15 +89,18 @@ def wandering(
     firsts = [best(_everywhere(quiet, unit, CAL.wander_memories), k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)
     by_chance = float(np.log(max(len(requested), 1) / CAL.rare))  # twice such a gain is chi-square of two
+    needed = max(by_chance, float(still - loud) - CAL.alike)
     wanders = list[tuple[float, Wander]]()
     for k, ((name, axis), (cost, lane)) in enumerate(zip(requested, firsts, strict=True)):
-        if cost < least + CAL.cost:
-            cost, (_, sd, memory) = best(_about(*lane), k)
-            _, staying = best(_everywhere(quiet, units[k], (np.inf,)), k)
-            stays, _ = best(_about(*staying), k)
-            gain = min(still, stays) - cost
-            if gain > by_chance and cost < loud + CAL.alike:
-                wanders.append((cost, Wander(name, axis.unit, sd, memory, gain)))
+        if cost > least + CAL.cost or still - cost < CAL.promising * needed:
+            continue
+        cost, (_, sd, memory) = best(_about(*lane), k)
+        if still - cost < needed:
+            continue
+        _, staying = best(_everywhere(quiet, units[k], (np.inf,)), k)
+        stays, _ = best(_about(*staying), k)
+        if stays - cost > by_chance:
+            wanders.append((cost, Wander(name, axis.unit, sd, memory, min(still, stays) - cost)))
     wanders.sort(key=lambda item: item[0])
     return tuple(item for cost, item in wanders if cost < wanders[0][0] + CAL.alike)
 

@@ -89,6 +89,23 @@ def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monke
     assert list(stage.included) == [True, False]
 
 
+@pytest.mark.parametrize("more", [-1.0, 1.0])
+def test_a_scale_of_model_error_must_have_more_evidence(monkeypatch, more):
+    X = smooth_columns(2)
+    search = together(linear_bench(X, [1.0, 0.0], SD), [cause(0), cause(1)])
+    before, settled = walked(search)[0], search._settled_at
+
+    def at_scale(*given):
+        stage = settled(*given)
+        return replace(stage, error_evidence=before.evidence + more - stage.cause_evidence)
+
+    monkeypatch.setattr(search, "_shown_error_scale", lambda stage: 2.0 * before.error_scale)
+    monkeypatch.setattr(search, "_settled_at", at_scale)
+    after = search.explained(before)
+    assert after.error_scale == (2.0 if more > 0 else 1.0) * before.error_scale
+    assert after.evidence == pytest.approx(before.evidence + max(more, 0.0))
+
+
 def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
     X = smooth_columns(2)
     bench = linear_bench(X, [1.5, 0.6], SD)
@@ -207,18 +224,19 @@ def test_a_step_goes_no_further_than_what_is_usual():
     state, far = problem.begin(), []
     for _ in range(8):
         state, quadratic = search._linear(state, whitener, False, variance)
-        state, went = search.steps.taken(state, quadratic, variance, whitener, every)
-        far.append(went)
+        step = search.steps.taken(state, quadratic, variance, whitener, every)
+        state = step.state
+        far.append(step.length)
     assert max(far) == pytest.approx(CAL.strides[0])
     assert far[-1] < CAL.still
     assert state.m[0] == pytest.approx(5.0, abs=0.1)
 
 
 def stepped(search, state, variance, included):
-    """A step from a state, and how far it went."""
+    """The state after a step."""
     whitener = search.whitening.usual(None, 1.0)
     state, quadratic = search._linear(state, whitener, True, variance)
-    return search.steps.taken(state, quadratic, variance, whitener, included)
+    return search.steps.taken(state, quadratic, variance, whitener, included).state
 
 
 def bent_bench(at):
@@ -243,7 +261,7 @@ def test_where_a_whole_step_overshoots_a_damped_one_still_gains():
     for _ in range(12):
         (e,) = search.problem.residuals([search.problem.vector(state)])
         costs.append(0.5 * float(np.sum((e / SD) ** 2)))
-        state, _ = stepped(search, state, variance, every)
+        state = stepped(search, state, variance, every)
     assert all(b <= a + 1e-6 for a, b in zip(costs, costs[1:], strict=False))
     assert costs[-1] == pytest.approx(400.0, rel=0.1)  # what noise alone leaves of 800 readings
 
@@ -253,7 +271,7 @@ def test_a_step_goes_where_all_is_best_beside_as_little_of_what_is_not_simulated
     X[:, :, 1] = 0.95 * X[:, :, 0] + 0.3 * X[:, :, 1]
     search = together(linear_bench(X, [0.5, 1.0], SD), [cause(0), cause(1, gradual=False)])
     begin, first = replace(search.problem.begin(), m=np.array([1.2, 0.0])), np.array([True, False])
-    state, _ = stepped(search, begin, np.ones(2), first)
+    state = stepped(search, begin, np.ones(2), first)
     at, rest = X[:, :, 0].ravel(), X[:, :, 1].ravel() * (1.0 - search.steps.switched_at[1])
     assert state.m[0] == pytest.approx(0.5 + float(at @ rest) / float(at @ at), abs=0.05)
 
@@ -265,7 +283,7 @@ def test_what_a_known_set_has_is_simulated_as_soon_as_that_lowers_its_own_object
     steps = len(CAL.dampings)
     objectives = iter([[10.0, *[10.0 - gain] * steps], [5.0, *[3.0] * steps]])
     monkeypatch.setattr(search.steps, "_objectives", lambda *_: next(objectives))
-    state, _ = stepped(search, search.problem.begin(), np.ones(2), np.ones(2, dtype=bool))
+    state = stepped(search, search.problem.begin(), np.ones(2), np.ones(2, dtype=bool))
     assert state.on[1] == simulated
 
 
