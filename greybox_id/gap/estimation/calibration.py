@@ -242,12 +242,9 @@ class Calibration:
     matters: float = _known(0.3, "information over the prior: numbers that later recordings inform less are held")
 
     # ---- extent of searches
-    starts: tuple[float, ...] = _known(
-        tuple(2.0**k / 16 for k in (0.0, 7 / 6, 14 / 6, 3.5, 28 / 6, 35 / 6, 7.0)),
-        "of an effect's usual size: where the search begins for one whose derivative vanishes", SEARCHED,
-    )  # fmt: skip
-    delay_starts: tuple[float, ...] = _known((0.47, 1.9), "the same for delays: none a usual sample time", SEARCHED)
-    gradual_start: float = _known(0.3, "the same of effects whose derivative describes larger magnitudes", SEARCHED)
+    gradual_start: float = _known(
+        0.3, "of the usual size, at which gradual effects are simulated that have second parameters", SEARCHED
+    )
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "least share of rows in which one acts, and does not: fewer inform less", DEFINED)
     part_information: float = _known(

@@ -213,7 +213,7 @@ class JointProblem:
         seconds = [(k, j, axis) for k in ons for j, axis in enumerate(self._form(state, k).candidate.axes[1:])
                    if axis.low < axis.high]  # fmt: skip
         kept = [] if probe else [k for k in offs if k in self._slopes]
-        starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, probe)]
+        starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(k, probe)]
         e, slopes = self._differences(p, [
             *(self._by_magnitude(p, state, k) for k in ons),
             *(_Difference(_with(p, self.causes[k].main, CAL.at_once * self.zone[k]), None, 1.0) for k in jumps),
@@ -312,7 +312,7 @@ class JointProblem:
         self._place(q, k, form, at)
         return _Difference(q, None, at[0] - self.causes[k].main.null)
 
-    def _starts(self, state: JointState, k: int, probe: bool) -> list[tuple[int, int]]:
+    def _starts(self, k: int, probe: bool) -> list[tuple[int, int]]:
         """(form, start) pairs from which a cause that is not simulated is probed."""
         if probe or k not in self._probes:
             return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
