@@ -185,7 +185,7 @@ class ColumnMap:
     extra : name -> column, for further channels of the file.
     about, source : description for users: signs, pitfalls, origin of such files.
     hold : commands between rows, "zero" (held) or "linear".
-    hold_stated : whether the map states `hold`; if not, a fit compares both.
+    hold_stated : whether the map states `hold`; if not, fits and diagnoses compare both.
     rate : rows per second, Hz, of files without a time column; 0 for files with one.
     run_column : column whose change begins a new run; empty for none.
     run_column_optional : whether a file may lack it.

@@ -89,7 +89,7 @@ class Recording:
     extra_units : units of signals that are not in `SIGNALS` (further channels of the file).
     hold : commands between rows: "zero", they are constant until the next row; "linear", they change linearly to the
         next one.
-    hold_stated : whether `hold` was stated; if not, a fit compares both.
+    hold_stated : whether `hold` was stated; if not, fits and diagnoses compare both.
     resampled : signals that were resampled from another clock onto `time`, with the estimated error.
     notes : other changes made when reading the file, as sentences.
 

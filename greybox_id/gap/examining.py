@@ -165,7 +165,10 @@ def examine(
     vehicle: Vehicle | None,
     tell: Callable[..., None],
 ) -> Examined:
-    """Refit and weigh the hypotheses that may explain recordings."""
+    """Refit and weigh the hypotheses that may explain recordings.
+
+    Where no column map states how commands run between rows, they run as that explains more: `Examined.recordings` say.
+    """
     if (seconds := sum(recording.duration for recording in recordings)) < CAL.least_seconds:
         raise BadInput(
             f"{recordings[0].name} lasts {seconds:.2g} s: too short to show what a simulation lacks. Name recordings "

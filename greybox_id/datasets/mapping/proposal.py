@@ -420,7 +420,7 @@ def as_toml(proposal: Proposal, name: str) -> str:
         "",
         f"name = {quoted(name)}",
         '#? hold = "zero"    # commanded: steering and drive keep their value from one row to the next',
-        '#? hold = "linear"  # measured: they are linear between rows. Without hold, a fit compares both.',
+        '#? hold = "linear"  # measured: they are linear between rows. Without hold, both are compared.',
     ]
     if proposal.rate:
         lines.append(f"rate = {proposal.rate:g}  # rows per second: the file has no time")
