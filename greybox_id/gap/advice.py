@@ -105,37 +105,32 @@ def same_readings(names: Sequence[str]) -> bool:
     return set(names) in ({"accel_bias_x", "imu_mount_pitch"}, {"accel_bias_y", "imu_mount_roll"})
 
 
-def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Effects below the detection limit of this recording, with that limit, and effects that tolerances absorb."""
-    weak, absorbed = {}, []
-    for item in examined.selection.expected_gains:
-        name, axis = item.candidate.effect, item.candidate.axes[0]
-        typical = examined.effects[name].typical
-        size = abs(axis.coordinate(typical) - axis.null)
-        if name in examined.best.names or not isfinite(item.sd) or 2 * item.sd < size:
-            continue
-        if item.remaining_information < CAL.hidden:
-            absorbed.append(name)
-        elif 2 * item.sd > axis.high - axis.low:
-            weak[name] = "any size"
-        elif not axis.inverse:
-            weak[name] = f"±{number(2 * item.sd, 2)} {axis.unit}".replace(" 1", "").strip()
-    return weak, tuple(absorbed)
-
-
-def limits(examined: Examined) -> dict[str, Limit]:
-    """Detection limits of effects that were not applied, the least detectable first.
+def detection_limits(examined: Examined) -> tuple[dict[str, Limit], dict[str, str], tuple[str, ...]]:
+    """Detection limits of effects that were not applied.
 
     Effects whose limit only a refit gives are left out.
+
+    Returns
+    -------
+    limits : the least detectable first.
+    weak : in words, of effects that would not be detected at their usual size.
+    absorbed : effects that would not be because tolerances absorb them.
     """
-    sizes = {}
+    result, weak, absorbed = dict[str, Limit](), dict[str, str](), list[str]()
     for entry in examined.selection.expected_gains:
         name, axis, reach = entry.candidate.effect, entry.candidate.axes[0], 2 * entry.sd
         if name in examined.best.names or not isfinite(entry.sd):
             continue
-        typical = examined.effects[name].typical
+        typical, beyond = examined.effects[name].typical, reach > axis.high - axis.low
         usual = abs(axis.coordinate(typical) - axis.null)
-        beyond = reach > axis.high - axis.low
         size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
-        sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), entry.remaining_information)
-    return dict(sorted(sizes.items(), key=lambda item: -item[1].share))
+        result[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), entry.remaining_information)
+        if reach < usual:
+            continue
+        if entry.remaining_information < CAL.hidden:
+            absorbed.append(name)
+        elif beyond:
+            weak[name] = "any size"
+        elif not axis.inverse:
+            weak[name] = f"±{number(reach, 2)} {axis.unit}".replace(" 1", "").strip()
+    return dict(sorted(result.items(), key=lambda item: -item[1].share)), weak, tuple(absorbed)

@@ -29,24 +29,6 @@ from .selection import Selection
 
 
 @dataclass(frozen=True)
-class _PartCandidate:
-    """A candidate that acts in part of the rows, beside a parent hypothesis.
-
-    Attributes
-    ----------
-    parent, candidate, rows : the hypothesis, the candidate, and where it acts.
-    gain : expected log-likelihood over the parent's.
-    m : coordinates to first order.
-    """
-
-    parent: Hypothesis
-    candidate: Candidate
-    rows: slice
-    gain: float
-    m: tuple[float, ...]
-
-
-@dataclass(frozen=True)
 class _Begun:
     """A hypothesis one of whose effects acts in part of the rows, and what refits it."""
 
@@ -74,9 +56,8 @@ def with_beginnings(
     parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
     result = list[_Begun]()
     for parent in parents.values():
-        promising = _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost))
-        for part_candidate in promising[: CAL.refitted]:
-            begun = _refitted(search, part_candidate)
+        for promising in _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost)):
+            begun = _refitted(search, parent, *promising)
             if begun is not None and score(begun.hypothesis) < score(known) + CAL.alike:
                 result.append(begun)
     if not result:
@@ -89,8 +70,8 @@ def with_beginnings(
 
 def _part_candidates(
     search: Search, parent: Hypothesis, candidates: Sequence[Candidate], cost: Costs, least: float
-) -> list[_PartCandidate]:
-    """Effects that may gain enough by acting in part of the rows only, to first order, best first.
+) -> list[tuple[Candidate, slice, Array]]:
+    """Effects that may gain most by acting in part of the rows only, the rows, and coordinates to first order.
 
     Second parameters are as stated: in other forms, which resemble tolerances of tyres more, they gain on vehicles
     without a gap, too.
@@ -108,7 +89,7 @@ def _part_candidates(
         return []
     J = search.bench.linearise(search.vector(parent), [item.axes[0].index for item in new])[1]
     everywhere, places, gains, steps = _gains_in_parts(search, parent, J)
-    result = []
+    result = list[tuple[float, Candidate, slice, Array]]()
     for k, item in enumerate(new):
         axis, null = item.axes[0], search.where(parent, item.axes[0])
         at = np.clip(null + steps[:, k], axis.low, axis.high)
@@ -116,9 +97,9 @@ def _part_candidates(
         best = int(np.argmax(expected))
         needed = max(everywhere[k] + CAL.begins, cost(item.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
         if expected[best] > needed:
-            m = (float(at[best]), *item.held)
-            result.append(_PartCandidate(parent, item, places[best], float(expected[best]), m))
-    return sorted(result, key=lambda each: -each.gain)
+            result.append((float(expected[best]), item, places[best], np.array([at[best], *item.held])))
+    result.sort(key=lambda each: -each[0])
+    return [(item, rows, m) for _, item, rows, m in result[: CAL.refitted]]
 
 
 def _gains_in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
@@ -175,12 +156,11 @@ def _products(A: Array, B: Array) -> Array:
     return np.asarray(A.reshape(-1, A.shape[2]).T @ B.reshape(-1, B.shape[2]))
 
 
-def _refitted(search: Search, part_candidate: _PartCandidate) -> _Begun | None:
+def _refitted(search: Search, parent: Hypothesis, candidate: Candidate, rows: slice, at: Array) -> _Begun | None:
     """A hopeful effect beside its parent, refitted from the parent's nuisances and from their prior means."""
-    parent = part_candidate.parent
-    acting, candidate = _acting(search, part_candidate.candidate, part_candidate.rows)
-    candidates, m = (*parent.candidates, candidate), np.append(parent.m, part_candidate.m)
-    null = np.append(parent.m, (candidate.axes[0].null, *part_candidate.m[1:]))
+    acting, candidate = _acting(search, candidate, rows)
+    candidates, m = (*parent.candidates, candidate), np.append(parent.m, at)
+    null = np.append(parent.m, (candidate.axes[0].null, *at[1:]))
     count = len(parent.theta)
     starts = [
         Start(candidates, m, parent.theta, parent.linear, (parent, null), parent.J),

@@ -74,17 +74,15 @@ def closed_by(
     edges = blocks(bench)
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([before.charge, after.charge])
+    E0, E1 = (float(np.sum(first)) + before.charge) / count, (float(np.sum(then)) + after.charge) / count
+    floor = min(1.0, E1)  # noise is no larger than the errors
 
-    floor = min(1.0, (float(np.sum(then)) + charges[1]) / count)  # noise is no larger than the errors
-
-    def share(total: Array) -> float:
-        E0, E1 = (total[:2] + charges) / total[2]
+    def closed(E0: float, E1: float) -> float:
         return float((E0 - E1) / max(E0 - floor, CAL.least_gap))
 
-    low, high = resampled(sums, share, CAL.draws)
-    E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
-    closed = (E0 - E1) / max(E0 - floor, CAL.least_gap)
-    return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
+    low, high = resampled(sums, lambda total: closed(*((total[:2] + charges) / total[2])), CAL.draws)
+    errors = _errors(before, after, sd, good, bench)
+    return Closure(E0, E1, floor, closed(E0, E1), (float(low), float(high)), names, errors)
 
 
 def on_held_out(recordings: Sequence[Recording]) -> str:

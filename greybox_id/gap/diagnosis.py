@@ -18,12 +18,11 @@ from ..engine.simulation import Diagnosed
 from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
-from .advice import advice, limits, not_excited, unread
+from .advice import advice, detection_limits, unread
 from .budget import closes, shared_out, weak
 from .closed_model import closed_model, moved, place_of
 from .closing import left_open, on_held_out
 from .courses import courses
-from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
 from .estimation.hold import otherwise, restated
 from .estimation.hypothesis import Hypothesis
@@ -122,7 +121,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     ratio = np.array([np.sqrt(np.mean(before[one, c])) if np.any(one := good[:, c]) else np.nan
                       for c in range(len(sd))])  # fmt: skip
     place = where(examined.bench, excess, ratio, examined.seen, selection.expected_gains, examined.effects)
-    unexcited, absorbed = not_excited(examined)
+    limits, unexcited, absorbed = detection_limits(examined)
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
     counted, shown = np.where(good, 1.0, 0.0), excerpt(examined.recordings)
     return Gap(
@@ -144,7 +143,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         closed=closed,
         strip=strip(examined.bench, selection.base.e * counted, best.e * counted, sd, examined.seen, excess, shown),
         noise_stated=examined.noise_stated,
-        limits=limits(examined),
+        limits=limits,
         budget=shared,
         unnamed=examined.unnamed,
         resembles=like,
@@ -261,24 +260,9 @@ def _ranking(examined: Examined, causes: _Causes) -> list[Ranked]:
     for name in names:
         holding = [k for k, item in enumerate(tried) if name in item.names]
         most = tried[max(holding, key=lambda k: weighed.scores[k])]
-        magnitude, interval = _magnitude(examined, most, name)
-        part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
         p = _discounted(examined, most, name, probability(weighed, tried, name), causes)
-        ranked.append(
-            Ranked(
-                name,
-                p,
-                magnitude,
-                most.main(name)[0].unit,
-                interval,
-                alike_of(examined, name, CAL.alike),
-                gain_of(examined, most, name),
-                causes.reasons.get(name, DIFFERS if by > 1.0 else ""),
-                *((None, None, "") if part is None else (part.since, part.until, _place(examined, part))),
-                _others(examined, most, name),
-            )
-        )
+        ranked.append(_ranked(examined, most, name, p, causes.reasons.get(name, DIFFERS if by > 1.0 else "")))
     for name, (item, present) in examined.scatter.items():
         unit = examined.effects[name].parameter.unit if name in examined.effects else "1"
         span = (max(item.magnitude - 1.96 * item.sd, 0.0), item.magnitude + 1.96 * item.sd)
@@ -337,26 +321,24 @@ def _p_value(examined: Examined, unexplained: bool) -> float:
     return min(p, default=1.0)
 
 
-def _magnitude(examined: Examined, hypothesis: Hypothesis, name: str) -> tuple[float, tuple[float, float]]:
-    """Magnitude of one effect in a hypothesis, with its 95 % interval."""
-    axis, at = hypothesis.main(name)
-    half = 1.96 * size_sd(examined, hypothesis, name)
-    ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
-    return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
-
-
-def _others(examined: Examined, hypothesis: Hypothesis, name: str) -> dict[str, float]:
-    """Second parameters of one effect in a hypothesis that differ from their usual values."""
+def _ranked(examined: Examined, hypothesis: Hypothesis, name: str, p: float, reason: str) -> Ranked:
+    """One effect as a cause, at its magnitude in a hypothesis."""
     candidate, at = next(part for part in hypothesis.parts if part[0].effect == name)
+    (axis, *seconds), (m, *others) = candidate.axes, hypothesis.m[at].tolist()
+    half = 1.96 * size_sd(examined, hypothesis, name)
+    ends = [axis.value(float(np.clip(m + side * half, axis.low, axis.high))) for side in (-1, 1)]
     usual = {other.name: float(other.array) for other in examined.effects[name].others}
-    values = {axis.name: axis.value(float(m)) for axis, m in zip(candidate.axes[1:], hypothesis.m[at][1:], strict=True)}
-    return {parameter: value for parameter, value in values.items() if value != usual[parameter]}
-
-
-def _place(examined: Examined, part: ActingRows) -> str:
-    """Name of the recording in which an effect begins or ends, and its run if it has several."""
-    k, run, _ = place_of(examined, part)
-    return f"{part.recording}, run {run + 1}" if len(examined.recordings[k].runs) > 1 else part.recording
+    values = {second.name: second.value(other) for second, other in zip(seconds, others, strict=True)}
+    since, until, within = None, None, ""
+    if (part := candidate.part) is not None:
+        k, run, _ = place_of(examined, part)
+        several = len(examined.recordings[k].runs) > 1
+        since, until, within = part.since, part.until, f"{part.recording}, run {run + 1}" if several else part.recording
+    return Ranked(
+        name, p, axis.value(m), axis.unit, (min(ends), max(ends)), alike_of(examined, name, CAL.alike),
+        gain_of(examined, hypothesis, name), reason, since, until, within,
+        {parameter: value for parameter, value in values.items() if value != usual[parameter]},
+    )  # fmt: skip
 
 
 def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:

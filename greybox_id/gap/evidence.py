@@ -16,7 +16,7 @@ from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, chdtri
+from scipy.special import chdtrc, chdtri, softmax
 
 from ..base.shorthands import Array
 from .estimation.axes import Candidate
@@ -88,22 +88,14 @@ def evidence(
     least = [price(item, cost) for item in selection.tried]
     margins = [gain - option for gain, option in zip(gained, least, strict=True)]
     factors = _unsteady_factors(selection, margins, cost, unsteady) if unsteady is not None else {}
-    prices = _prices_of_aliases(
-        selection.tried, [price(item, cost, factors) for item in selection.tried] if factors else least
-    )
+    prices = _prices_of_aliases(selection.tried, [price(item, cost, factors) for item in selection.tried])
     scores = [item - price for item, price in zip(gained, prices, strict=True)]
     most = max([*scores, 0.0])
     beyond = [item for item, each in zip(selection.tried, margins, strict=True) if each > most]
     outdone = {name: by for name, by in factors.items() if by > 1.0 and any(name in item.names for item in beyond)}
     even = [item - option for item, option in zip(gained, _prices_of_aliases(selection.tried, least), strict=True)]
-    return Evidence(temper, _weights(scores), tuple(scores), outdone, _weights(even))
-
-
-def _weights(scores: Sequence[float]) -> tuple[float, ...]:
-    """Weights of hypotheses with these scores, and last that of the base, whose score is zero."""
-    total = np.array([*scores, 0.0])
-    weights = np.exp(total - np.max(total))
-    return tuple(weights / np.sum(weights))
+    weights, even_weights = (tuple(softmax([*each, 0.0])) for each in (scores, even))
+    return Evidence(temper, weights, tuple(scores), outdone, even_weights)
 
 
 def heaviest(selection: Selection, evidence: Evidence) -> Hypothesis:

@@ -182,11 +182,8 @@ class Budget:
 
     def to_json(self) -> list[dict[str, Any]]:
         """One object per effect, and one for the unexplained rest."""
-        rows: list[dict[str, Any]] = [
-            {"effect": share.effect, "share": share.share, "low": share.low, "high": share.high}
-            for share in self.shares
-        ]
-        return [*rows, {"unnamed": self.unnamed.share, "low": self.unnamed.low, "high": self.unnamed.high}]
+        rest = {"unnamed": self.unnamed.share, "low": self.unnamed.low, "high": self.unnamed.high}
+        return [*(asdict(share) for share in self.shares), rest]
 
 
 @dataclass(frozen=True)

@@ -63,10 +63,6 @@ class ChangeComparison:
             x[place] += by.shift
         return x
 
-    def alike(self, places: Places, place: int) -> tuple[str, ...]:
-        """Effects that explain the recordings about as well in the place of one of a set."""
-        return tuple(self.effect(one) for one in self.search.alike(places, place))
-
     @property
     def classes(self) -> tuple[CauseClass, ...]:
         """Of each change that is applied or doubted, those that explain the recordings about as well."""
@@ -130,9 +126,9 @@ class ChangeComparison:
             if one.beyond > CAL.reach_sd:
                 why = "it is implausibly large: a symptom of another cause, not an estimate"
             sd = float(np.hypot(one.shift[1], self.known.scatter[place]))
-            mates = self.alike(places, place) if place in self.places or place in self.doubted else ()
-            p = self.search.probability(place)
-            result.append(self._ranked(place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why))
+            mates = self.search.alike(places, place) if place in self.places or place in self.doubted else ()
+            alike, p = tuple(self.effect(mate) for mate in mates), self.search.probability(place)
+            result.append(self._ranked(place, one.shift[0], sd, p, one.total, indistinguishable_from=alike, reason=why))
         return tuple(result)
 
     def _ranked(self, place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:

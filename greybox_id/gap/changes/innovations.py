@@ -190,12 +190,8 @@ def noise_of(of_rides: Sequence[FilterInnovations], channels: int) -> Innovation
                 gamma[lag] += series[: len(series) - lag].T @ series[lag:]
         total += float(np.sum(item.there)) / channels
     gamma /= total
-    covariance = np.zeros((size, size))
-    for a in range(rows):
-        for b in range(rows):
-            part = gamma[b - a] if b >= a else gamma[a - b].T
-            covariance[a * channels : (a + 1) * channels, b * channels : (b + 1) * channels] = part
-    covariance += CAL.block_ridge * np.eye(size)
+    parts = [[gamma[b - a] if b >= a else gamma[a - b].T for b in range(rows)] for a in range(rows)]
+    covariance = np.block(parts) + CAL.block_ridge * np.eye(size)
     return replace(start, root=np.asarray(np.linalg.cholesky(covariance), dtype=float))
 
 

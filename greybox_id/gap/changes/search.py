@@ -65,35 +65,28 @@ class Change:
     Attributes
     ----------
     shift : its change beyond scatter, in its coordinate, and the standard deviation of that.
-    gain, held_out : log evidence gained where it was chosen, log-likelihood gained where it was judged.
-    apart : whether it was judged on other recordings than it was chosen on.
     beyond : size of the change, over the width of what a change may be.
-    cost : log evidence that it must gain on all recordings.
+    total : log evidence that it gains on all recordings.
+    least : see `margin`.
     """
 
     shift: tuple[float, float]
-    gain: float
-    held_out: float
-    apart: bool = True
-    beyond: float = 0.0
-    cost: float = CAL.cost_changed
-
-    @property
-    def total(self) -> float:
-        """Log evidence of all recordings: that of separate ones adds up."""
-        return self.gain + (self.held_out if self.apart else 0.0)
-
-    @property
-    def least(self) -> float:
-        """Least margin of its gains over those required: of all recordings, where chosen, and where judged."""
-        return margin(self.gain, self.held_out, self.apart, self.beyond, self.cost)
+    beyond: float
+    total: float
+    least: float
 
 
-def margin(gain: float, held_out: float, apart: bool, beyond: float, cost: float, count: int = 1) -> float:
-    """Least margin of the gains of some changes over those required of each."""
+def margin(total: float, gain: float, held_out: float, beyond: float, cost: float, count: int = 1) -> float:
+    """Least margin of the gains of some changes over those required of each: of all recordings, chosen, and judged.
+
+    Parameters
+    ----------
+    total, gain, held_out : log evidence on all recordings, and where changes were chosen; log-likelihood where judged.
+    beyond : size of the largest change, over the width of what a change may be.
+    cost : log evidence that each must gain on all recordings.
+    """
     if beyond > CAL.reach_sd:
         return -np.inf
-    total = gain + (held_out if apart else 0.0)
     return min(total - count * cost, min(gain, held_out) - count * CAL.cost_held_out)
 
 
@@ -151,7 +144,10 @@ class ChangeSearch:
 
     def total(self, places: Places) -> float:
         """Log evidence that a set gains on all recordings."""
-        gain, held_out = self.gains(places)
+        return self._in_all(*self.gains(places))
+
+    def _in_all(self, gain: float, held_out: float) -> float:
+        """Log evidence of all recordings: that of separate ones adds up."""
         return gain + (held_out if self.apart else 0.0)
 
     def weight(self, places: Places) -> float:
@@ -159,15 +155,16 @@ class ChangeSearch:
         if not places:
             return 0.0
         beyond = max(self._beyond(places, place) for place in places)
-        return margin(*self.gains(places), self.apart, beyond, self.cost, len(places))
+        return margin(self.total(places), *self.gains(places), beyond, self.cost, len(places))
 
     def change(self, places: Places, place: int) -> Change:
         """A change of a set, beside its others."""
         there, rest = self.sets[places], places - {place}
-        (gain, held_out), (least, held) = self.gains(places), self.gains(rest)
+        gain, held_out = (mine - less for mine, less in zip(self.gains(places), self.gains(rest), strict=True))
         sd = float(change_sds(there.explained.information, self.sets[rest].covariance)[place])
-        shift = float(there.shift[place]), sd
-        return Change(shift, gain - least, held_out - held, self.apart, self._beyond(places, place), self.cost)
+        total, beyond = self._in_all(gain, held_out), self._beyond(places, place)
+        least = margin(total, gain, held_out, beyond, self.cost)
+        return Change((float(there.shift[place]), sd), beyond, total, least)
 
     def stands(self, places: Places) -> bool:
         """Whether each change of a set, which was compared with all its parts, gains what it must beside the others."""

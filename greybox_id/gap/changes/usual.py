@@ -105,7 +105,7 @@ FAST = 95.0
 
 def driven_elsewhere(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> str:
     """How hard recordings are driven compared with those from before, in a sentence."""
-    (v, a), (w, b) = ((_percentile(part, _speed), _percentile(part, _turning)) for part in (rides, since))
+    (v, a), (w, b) = ([_percentile(part, of) for of in (_speed, _turning)] for part in (rides, since))
     return (
         f"The recordings to be examined reach a speed of {number(v, 2)} m/s and a lateral acceleration of "
         f"{number(a, 2)} m/s²; those from before reach {number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th "
@@ -120,21 +120,22 @@ def _percentile(rides: Sequence[FollowedRun], of: Callable[[Recording], Array]) 
 
 
 def _speed(recording: Recording) -> Array:
-    return np.abs(recording["v_x"]) if "v_x" in recording else np.zeros(len(recording))
+    return np.abs(_signal(recording, "v_x"))
 
 
 def _turning(recording: Recording) -> Array:
-    if "a_y" in recording:
-        return np.abs(recording["a_y"])
-    return _speed(recording) * np.abs(recording["yaw_rate"]) if "yaw_rate" in recording else np.zeros(len(recording))
+    return np.abs(recording["a_y"] if "a_y" in recording else _speed(recording) * _signal(recording, "yaw_rate"))
+
+
+def _signal(recording: Recording, name: str) -> Array:
+    """A signal; zero where a recording does not hold it."""
+    return recording[name] if name in recording else np.zeros(len(recording))
 
 
 def _seconds(ride: FollowedRun) -> Array:
     """(seconds, 2) mean steering angle and speed; zero where a recording holds none."""
     recording = ride.recording
-    columns = np.stack(
-        [recording[name] if name in recording else np.zeros(len(recording)) for name in ("steer", "v_x")], axis=1
-    )
+    columns = np.stack([_signal(recording, name) for name in ("steer", "v_x")], axis=1)
     rows = max(1, round(CAL.block / recording.sample_time))
     parts = [columns[at : at + rows] for start, stop in recording.runs for at in range(start, stop - rows + 1, rows)]
     read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are `CAL.apart` apart

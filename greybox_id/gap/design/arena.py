@@ -190,13 +190,12 @@ def _hull(points: Array) -> Array:
 
 def _circle(x: Array, y: Array) -> tuple[float, float, float]:
     """Middle and radius of about the smallest circle around points (Badoiu & Clarkson's steps)."""
-    low = np.array([np.min(x), np.min(y)])
-    high = np.array([np.max(x), np.max(y)])
-    middle, best = 0.5 * (low + high), (0.0, 0.0, np.inf)
+    points = np.column_stack([x, y])
+    middle, best = 0.5 * (np.min(points, axis=0) + np.max(points, axis=0)), (0.0, 0.0, np.inf)
     for k in range(1, 60):
-        apart = np.hypot(x - middle[0], y - middle[1])
+        apart = np.hypot(*(points - middle).T)
         far = int(np.argmax(apart))
         if apart[far] < best[2]:
             best = (float(middle[0]), float(middle[1]), float(apart[far]))
-        middle = middle + (np.array([x[far], y[far]]) - middle) / (k + 2.0)
+        middle = middle + (points[far] - middle) / (k + 2.0)
     return best

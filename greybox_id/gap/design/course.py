@@ -12,7 +12,7 @@ from ...engine.motion.lanes import Interval, lay
 from ...engine.motion.schedule import MotionRun, longest_segment, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
-from .driver import OUTPUTS, PATH, PLANNED, PlanDriver, driven
+from .driver import OUTPUTS, PLANNED, PlanDriver, driven
 from .limits import DriveLimits
 from .primitives import PlannedDrive
 
@@ -57,10 +57,6 @@ class PlanCourse:
         self.model = driven(model, driver)
         self.simulator = Simulator(self.model)
         self.simulator.kernel.prepare()
-        places = np.cumsum([0, *(p.size for p in self.model.parameters)])
-        names = [p.name for p in self.model.parameters]
-        self.follows = int(places[names.index(PATH)])
-        self.force = int(places[names.index("force_per_unit")])
         self.resistance = [float(self.model[n].array) if n in self.model else 0.0 for n in ("c_0", "c_1", "c_2")]
         still = self._run(np.arange(4) / rate, np.zeros((4, len(self.model.inputs))), slowest)
         self.longest = longest_segment(self.simulator.trace, [still], self.model.values)
@@ -71,7 +67,7 @@ class PlanCourse:
             np.column_stack([plan.steer, self._forward(plan), plan.speed, *[np.zeros(len(plan.time))] * 3])
             for plan in plans
         ]
-        result = self._simulated([plan.time for plan in plans], u, self._parameters(self.model.values[None], 0.0))
+        result = self._simulated([plan.time for plan in plans], u, self.model.values[None])
         per_unit = 1.0 / self.driver.force
         return [
             PlannedMotion(plan.time, plan.steer, y[:, AT["drive_force"]] * per_unit, y, plan.phase)
@@ -82,8 +78,9 @@ class PlanCourse:
         """(K, n, outputs) motion with each of (K, parameters) of the undriven model, with or without a driver."""
         P = np.atleast_2d(P)
         u = np.column_stack([plan.steer, plan.drive, *(plan.of(name) for name in ("v_x", "x", "y", "yaw"))])
-        of_driver = np.tile(self.model.values[P.shape[1] :], (len(P), 1))
-        full = self._parameters(np.column_stack([P, of_driver]), 1.0 if follow else 0.0)
+        of_driver = self.model.values[P.shape[1] :].copy()
+        of_driver[0] = follow  # `driver.PATH`, the first of the driver's parameters
+        full = np.column_stack([P, np.tile(of_driver, (len(P), 1))])
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
     def _forward(self, drive: PlannedDrive) -> Array:
@@ -92,11 +89,6 @@ class PlanCourse:
         v = drive.speed
         force = self.driver.mass * np.gradient(v, drive.time) + c_0 + c_1 * v + c_2 * v**2
         return np.asarray(force / self.driver.force)
-
-    def _parameters(self, P: Array, follow: float) -> Array:
-        full = np.array(P)
-        full[:, self.follows] = follow
-        return full
 
     def _run(self, time: Array, inputs: Array, v_x: float) -> MotionRun:
         measured = np.full((len(time), len(OUTPUTS)), np.nan)
@@ -128,9 +120,7 @@ class PlanCourse:
         lanes = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(runs)])
         with np.errstate(all="ignore"):
             _, y = self.simulator.kernel.simulate(z0, lanes.segments, np.ascontiguousarray(P), lanes.reads)
-        edges = np.cumsum([0, *(len(run) for run in runs)])
-        whole = lanes.gathered(y)
-        return [whole[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return np.split(lanes.gathered(y), np.cumsum([len(run) for run in runs[:-1]]))
 
 
 def strain(motion: Array, limits: DriveLimits) -> dict[str, Array]:

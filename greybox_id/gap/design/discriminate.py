@@ -95,13 +95,9 @@ def distinguishable_effects(names: Sequence[str]) -> tuple[tuple[str, ...], tupl
 
     Of such a pair, the first effect stays and stands for both.
     """
-    left, pairs = list(names), list[tuple[str, str]]()
-    for one, other in combinations(names, 2):
-        if same_readings((one, other)):
-            pairs.append((one, other))
-            if other in left:
-                left.remove(other)
-    return tuple(left), tuple(pairs)
+    pairs = tuple(pair for pair in combinations(names, 2) if same_readings(pair))
+    stood_for = {other for _, other in pairs}
+    return tuple(name for name in names if name not in stood_for), pairs
 
 
 def discriminating(
@@ -282,34 +278,25 @@ class _Rivals:
     def _losses_by_pair(
         self, plan: PlannedMotion, draw: int, ways: Sequence[tuple[int, int]], *, rough: bool = False
     ) -> dict[tuple[int, int], float]:
-        """(true, wrong) -> nats that the wrong one loses where the true one is at one of its draws."""
-        result = dict[tuple[int, int], float]()
-        for true in dict.fromkeys(true for true, _ in ways):
-            wrong = [other for one, other in ways if one == true]
-            nats = self._losses(plan, true, wrong, self.samples[true][draw], rough=rough)
-            result |= {(true, other): value for other, value in zip(wrong, nats, strict=True)}
-        return result
-
-    def _losses(
-        self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
-    ) -> list[float]:
-        """Nats that wrong rivals lose on readings of the true one at p, after all of them have adapted.
+        """(true, wrong) -> nats that the wrong one loses on readings of the true one at a draw, after both adapted.
 
         Parameters
         ----------
         rough : whether to take only some of the rows, no delays but those of rivals, and a single step.
         """
         every, steps = (max(1, round(self.task.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
-        p = self.held[true].of(p) if rough else p
-        recording = self._readings(plan, true, p, every)
-        if recording is None:
-            return [0.0] * len(wrong)
-        drawn = not np.array_equal(p[self.shared], self.rivals[true].model.values[self.shared])
-        true_cost = self._cost(recording, true, p, steps, every) if drawn else 0.0
-        result = []
-        for other in wrong:
-            wide = np.where(self.shared, p, self.rivals[other].model.values)
-            result.append(max(self._cost(recording, other, wide, steps, every) - true_cost, 0.0))
+        result = dict.fromkeys(ways, 0.0)
+        for true in {true for true, _ in ways}:
+            p = self.samples[true][draw]
+            p = self.held[true].of(p) if rough else p
+            recording = self._readings(plan, true, p, every)
+            if recording is None:
+                continue
+            drawn = not np.array_equal(p[self.shared], self.rivals[true].model.values[self.shared])
+            true_cost = self._cost(recording, true, p, steps, every) if drawn else 0.0
+            for wrong in (other for one, other in ways if one == true):
+                wide = np.where(self.shared, p, self.rivals[wrong].model.values)
+                result[true, wrong] = max(self._cost(recording, wrong, wide, steps, every) - true_cost, 0.0)
         return result
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:

@@ -45,10 +45,6 @@ class Known:
     precision: Array
     local: Mask
 
-    def sd(self, precision: Array) -> Array:
-        """(q,) standard deviations for a precision; infinite where there is no information."""
-        return np.sqrt(np.diag(_inverse(precision)))
-
 
 def known_by(fit: Fit) -> Known:
     """The information of a fit.
@@ -107,6 +103,7 @@ class Information:
 
     def __init__(self, fit: Fit, known: Known, target: Sequence[str] = ()) -> None:
         self.model, self.known, self.how = must_be(MotionModel, fit.model), known, fit.how
+        self.drive = str(self.how.get("inputs", {}).get("drive", self.model.aliases.get("drive", ("drive",))[0]))
         noise = fit.stages[-1].noise if fit.stages else {}
         counted = fit.how.get("counted", noise)
         self.read = tuple(name for name in self.model.outputs if name in noise)
@@ -175,9 +172,7 @@ class Information:
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
         """The recording that a plan is expected to give, without noise; one row of `every`."""
-        aliases = self.model.aliases.get("drive", ("drive",))
-        channel = self.how.get("inputs", {}).get("drive", aliases[0])
-        signals = {"steer": plan.steer, channel: plan.drive}
+        signals = {"steer": plan.steer, self.drive: plan.drive}
         for name in self.read:
             signals[name] = plan.of(name) if name in ("v_x", "v_y", "yaw_rate", "a_y") else np.zeros(len(plan.time))
         return Recording("plan", plan.time[::every], {name: values[::every] for name, values in signals.items()})
@@ -243,12 +238,10 @@ def draws(fit: Fit, known: Known, count: int, seed: int) -> Array:
 
 
 def predicted_sd(known: Known, precision: Array) -> dict[str, tuple[float, float]]:
-    """Name -> standard deviation before and after."""
-    before, after = known.sd(known.precision), known.sd(precision)
-    return {
-        name: (float(b), float(a)) for name, b, a, local in zip(known.names, before, after, known.local, strict=True)
-        if not local
-    }  # fmt: skip
+    """Name -> standard deviation before and after; infinite where there is no information."""
+    before, after = (np.sqrt(np.diag(_inverse(item))).tolist() for item in (known.precision, precision))
+    both = zip(before, after, strict=True)
+    return {name: sds for name, sds, local in zip(known.names, both, known.local, strict=True) if not local}
 
 
 def _inverse(matrix: Array) -> Array:

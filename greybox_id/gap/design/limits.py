@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from math import sqrt
 from pathlib import Path
 
@@ -97,11 +97,10 @@ def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> Drive
     ------
     BadInput : one of them is unknown or no number that can be meant.
     """
-    known = [one.name for one in fields(DriveLimits)]
     result: dict[str, float] = {}
     for name, value in more.items():
-        if name not in known:
-            raise BadInput(f"{where}: there is no limit {name!r:.40}.{near_or_all(name, known)}")
+        if name not in RANGE:
+            raise BadInput(f"{where}: there is no limit {name!r:.40}.{near_or_all(name, RANGE)}")
         low, high = RANGE[name]
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             raise BadInput(f"{where}: {name} must be a number between {low:g} and {high:g}, not {value!r:.40}.")

@@ -65,8 +65,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
     predicted = {name: every[name] for name in target}
     return search.design(
         "precision", found_plan, criterion={"name": kind, "parameters": list(target), "before": before, "after": then},
-        drive=str(fit.how.get("inputs", {}).get("drive", model.aliases.get("drive", ("drive",))[0])),
-        predicted_sd=predicted, impossible=_hardly(model, predicted), said=_exact(model),
+        drive=information.drive, predicted_sd=predicted, impossible=_hardly(model, predicted), said=_exact(model),
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ from .arena import NOWHERE, Placement
 from .cma import CMA
 from .course import AT, PlanCourse, PlannedMotion, strain, worst_strain
 from .driver import driver_of, vehicle_of
+from .limits import CAR
 from .plan import Design
 from .primitives import SHAPES, Phase, chained
 from .task import NEEDED, DesignTask
@@ -121,7 +122,7 @@ class PlanSearch:
         self.course = PlanCourse(model, driver_of(model, self.limits), task.rate, self.limits.speed_min)
         self.rng = np.random.default_rng((task.seed, 6143))
         self.speeds = (1.15 * self.limits.speed_min, self.limits.speed_max)
-        self.pace = float(np.sqrt(self.vehicle.length / 2.76))
+        self.pace = float(np.sqrt(self.vehicle.length / CAR))
 
     def best(self, say: Say) -> FoundPlan:
         """The best plan that keeps to all limits. Raises `BadInput` where none does."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from greybox_id.gap.changes.between_runs import Common, VaryingNumber
-from greybox_id.gap.changes.search import NONE, Change, ChangeSearch
+from greybox_id.gap.changes.search import NONE, ChangeSearch, margin
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.descent import Curve
 
@@ -113,15 +113,18 @@ def test_each_half_judges_what_the_other_one_chose():
 
 def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it():
     cost, elsewhere = CAL.cost_changed, CAL.cost_held_out
-    assert Change((1.0, 0.1), cost + 50.0, elsewhere - 1.0).least == pytest.approx(-1.0)
-    assert Change((1.0, 0.1), elsewhere + 0.5, elsewhere + 4.0).least == pytest.approx(0.5)
-    assert Change((1.0, 0.1), elsewhere - 1.0, cost + 50.0).least == pytest.approx(-1.0)
-    assert Change((1.0, 0.1), cost - 1.0, elsewhere + 90.0, apart=False).least == pytest.approx(-1.0)
+
+    def least(chosen, judged, apart=True):
+        return margin(chosen + (judged if apart else 0.0), chosen, judged, 0.0, cost)
+
+    assert least(cost + 50.0, elsewhere - 1.0) == pytest.approx(-1.0)
+    assert least(elsewhere + 0.5, elsewhere + 4.0) == pytest.approx(0.5)
+    assert least(elsewhere - 1.0, cost + 50.0) == pytest.approx(-1.0)
+    assert least(cost - 1.0, elsewhere + 90.0, apart=False) == pytest.approx(-1.0)
 
 
 def test_what_would_be_further_off_than_ever_changes_is_no_change():
-    far = Change((1.0, 0.1), 90.0, 90.0, beyond=1.1 * CAL.reach_sd)
-    assert far.least == -np.inf
+    assert margin(180.0, 90.0, 90.0, 1.1 * CAL.reach_sd, CAL.cost_changed) == -np.inf
     assert named(searched({"grip": 1.2 * CAL.reach_sd * WIDTH})) == set()
 
 
