@@ -126,7 +126,6 @@ def diagnose(
             vehicle=stated,
             held_out=others,
             say=progress,
-            seed=seed,
             horizons=horizons,
             **options,
         )

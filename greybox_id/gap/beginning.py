@@ -92,8 +92,10 @@ def _part_candidates(
     result = list[tuple[float, Candidate, slice, Array]]()
     for k, item in enumerate(new):
         axis, null = item.axes[0], search.where(parent, item.axes[0])
-        at = np.clip(null + steps[:, k], axis.low, axis.high)
-        expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
+        step = steps[:, k]
+        at = np.clip(null + step, axis.low, axis.high)
+        done = np.divide(at - null, step, out=np.ones_like(step), where=step != 0)  # a bound may cut the step short
+        expected = gains[:, k] * (1 - (1 - done) ** 2)  # a parabola
         best = int(np.argmax(expected))
         needed = max(everywhere[k] + CAL.begins, cost(item.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
         if expected[best] > needed:
@@ -286,8 +288,3 @@ def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
 def _place(bench: Bench, candidate: Candidate) -> int:
     """Index of a candidate's magnitude among the model's parameters."""
     return [parameter.name for parameter in bench.model.parameters].index(candidate.axes[0].name)
-
-
-def of_gain(step: float, target: float) -> float:
-    """Share of a predicted gain that remains where a bound cuts the step short: the model of the gain is a parabola."""
-    return 1 - (1 - step / target) ** 2 if target != 0 else 1.0

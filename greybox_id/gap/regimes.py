@@ -24,12 +24,9 @@ EQUATIONS = {
 
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     """Signals that define regimes, per row: as simulated, for readings share their noise with residuals."""
-    result = {}
-    for c, channel in enumerate(bench.channels):
-        read = np.nan_to_num(bench.measured[:, c])
-        result[channel] = np.where(bench.counted[:, c], y[:, c], read)
-    for k, name in enumerate(bench.model.inputs):
-        result[name] = bench.inputs[:, k]
+    outputs = np.where(bench.counted, y, np.nan_to_num(bench.measured))
+    names = (*bench.channels, *bench.model.inputs)
+    result = dict(zip(names, [*outputs.T, *bench.inputs.T], strict=True))
     if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # lateral acceleration without its sensor
         result["a_y"] = result["v_x"] * result["yaw_rate"]
     return {name: _smooth(values, bench) for name, values in result.items()}

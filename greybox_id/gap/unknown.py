@@ -72,11 +72,8 @@ def signs(
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.whitener.readings, 1))
-    spread, place = 0.0, ""
-    known = varies(search, best, seen) if best.candidates else {}
-    if best.candidates and best.names[0] in known:
-        most = known[best.names[0]]
-        spread, place = min(most.relative, 2.0), most.place
+    most = varies(search, best, seen).get(best.names[0]) if best.candidates else None
+    spread, place = (min(most.relative, 2.0), most.place) if most is not None else (0.0, "")
     left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
     if scatter > 0 and not best.candidates and rest <= 0:
         over = 0.0  # a reading taken before its row's command looks like structure

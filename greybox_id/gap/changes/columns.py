@@ -85,13 +85,10 @@ def _steering(recording: Recording) -> Mapping[str, tuple[float, float]]:
         for column, values in enumerate((there * 1.0, c, m, c * c, c * m, m * m)):
             sums[:, k, column] = np.bincount(part, weights=values, minlength=BLOCKS)
     total = np.sum(sums, axis=0)
-    best = _best(total)
-    if best is None:
+    best, left_out = _best(total), [_best(total - one) for one in sums]
+    if best is None or None in left_out:
         return {}
-    left_out = [_best(total - one) for one in sums]
-    if any(item is None for item in left_out):
-        return {}
-    spread = np.array([item for item in left_out if item is not None])
+    spread = np.array(left_out, dtype=float)
     sds = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((spread - np.mean(spread, axis=0)) ** 2, axis=0))
     return {name: (float(value), float(sd)) for name, value, sd in zip(EFFECTS, best, sds, strict=True)}
 

@@ -147,7 +147,13 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """The design as plain data."""
-        result: dict[str, Any] = {
+        start = None
+        if self.plan is not None:
+            start = {
+                "x": self.placement.x, "y": self.placement.y, "yaw": self.placement.yaw,
+                "v_x": float(self.plan.of("v_x")[0]), "run_up": self.run_up,
+            }  # fmt: skip
+        return {
             "goal": self.goal,
             "model": {"name": self.model},
             "criterion": dict(self.criterion),
@@ -164,14 +170,8 @@ class Design:
             "kept": self.kept,
             "phases": [asdict(phase) for phase in self.phases],
             "driver": None if self.driver is None else asdict(self.driver),
-            "start": None,
+            "start": start,
         }
-        if self.plan is not None:
-            result["start"] = {
-                "x": self.placement.x, "y": self.placement.y, "yaw": self.placement.yaw,
-                "v_x": float(self.plan.of("v_x")[0]), "run_up": self.run_up,
-            }  # fmt: skip
-        return result
 
     def text(self) -> str:
         """The text of design.json."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -269,17 +270,14 @@ class PlanSearch:
 
     def _standard(self) -> list[tuple[tuple[Phase, ...], float]]:
         slow, fast = self.speeds
-        return [
-            (
-                tuple(
-                    Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
-                    for shape, amplitude, share, duration in chain
-                ),
-                self.task.duration,
-            )
-            for chain in STANDARD
-            for pace in PACES
-        ]
+        result = []
+        for chain, pace in product(STANDARD, PACES):
+            phases = [
+                Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
+                for shape, amplitude, share, duration in chain
+            ]
+            result.append((tuple(phases), self.task.duration))
+        return result
 
     def _times(self, usual: int) -> int:
         return max(2, round(usual * self.effort))
@@ -373,7 +371,7 @@ class PlanSearch:
                 break
         leading, before = max(each, key=lambda item: item.worth), -np.inf
         for _ in range(heat, most, heat):
-            if before > -np.inf and leading.worth < before + SETTLED:
+            if leading.worth < before + SETTLED:
                 break
             before = leading.worth
             leading.go(heat)
