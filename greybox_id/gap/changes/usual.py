@@ -57,7 +57,8 @@ def numbers_of(
     result = list[VaryingNumber]()
     for name, stated in vehicle.values.items():
         if stated.sd is not None and name in model and model[name].shape == ():
-            result.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
+            at = float(model[name].array)
+            result.append(_number(name, at, stated.sd, model[name].bounds, at > 0, stated.sd))
     tyres = any(item.name.endswith(("_f", "_r")) for item in result)
     wheelbase = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
     full = model
@@ -78,7 +79,7 @@ def numbers_of(
         if effect.group == "tyres" and tyres:  # the tyres' parameters already hold its mean
             wide = CAL.indifference * between
         sd = stated_effect.sd if stated_effect is not None and stated_effect.sd is not None else wide
-        one = _number(parameter.name, mean, sd, parameter.bounds, factor=null == 1.0, scale=between)
+        one = _number(parameter.name, mean, sd, parameter.bounds, null == 1.0, between)
         if name in (*TIMED, *LATENCIES):
             low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE  # readings at one instant keep their order
             one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
@@ -143,16 +144,16 @@ def _seconds(ride: FollowedRun) -> Array:
 
 
 def _number(
-    name: str, mean: float, sd: float, bounds: tuple[Any, Any], factor: bool | None = None, scale: float | None = None
+    name: str, mean: float, sd: float, bounds: tuple[Any, Any], logarithmic: bool, scale: float
 ) -> VaryingNumber:
-    """A number, searched as its logarithm if it is a factor, or stated and positive."""
+    """A number, searched as its logarithm or with steps in proportion to a scale."""
     low, high = (float(np.asarray(end)) for end in bounds)
-    if (mean > 0 and factor is None) or factor:
+    if logarithmic:
         relative = sd / mean
         ends = log(max(low, 1e-9)), log(high) if np.isfinite(high) else 50.0
         step = CAL.between_beside * min(relative, CAL.most_relative)
         return VaryingNumber(name, True, log(mean), relative, step, *ends)
-    return VaryingNumber(name, False, mean, sd, CAL.between_beside * (scale or sd), low, high)
+    return VaryingNumber(name, False, mean, sd, CAL.between_beside * scale, low, high)
 
 
 def usual(

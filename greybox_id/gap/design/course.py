@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.shorthands import Array, Index
 from ...engine.motion.lanes import Interval, lay
-from ...engine.motion.schedule import MotionRun, longest_segment, schedule
+from ...engine.motion.schedule import MotionRun, Schedule, longest_segment, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from .driver import OUTPUTS, PLANNED, PlanDriver, driven
@@ -101,25 +101,18 @@ class PlanCourse:
         """(n, outputs) of each run; its parameters are a row of P, or the only one."""
         P = np.broadcast_to(P, (len(inputs), P.shape[1]))
         order = [self.model.inputs.index(name) for name in ("steer", "drive", *PLANNED)]
-        runs = []
-        for time, u in zip(times, inputs, strict=True):
-            table = np.zeros((len(time), len(self.model.inputs)))
+        usual = [self.model.defaults.get(name, 0.0) for name in self.model.inputs]
+        runs, z0, plans = list[MotionRun](), list[Array](), list[Schedule]()
+        for time, u, p in zip(times, inputs, P, strict=True):
+            table = np.tile(usual, (len(time), 1))
             table[:, order] = u
-            for k, name in enumerate(self.model.inputs):
-                if name in self.model.defaults and k not in order:
-                    table[:, k] = self.model.defaults[name]
-            runs.append(self._run(time, table, float(u[0, 2])))
-        z0 = np.vstack([
-            self.simulator.start_states(("v_x",), np.array([[run.inputs[0, order[2]]]]), run.inputs[:1], p[None])
-            for run, p in zip(runs, P, strict=True)
-        ])  # fmt: skip
-        plans = [
-            schedule(self.simulator.trace, run, self.simulator.shifts(p), self.longest)
-            for run, p in zip(runs, P, strict=True)
-        ]
+            run, v_x = self._run(time, table, float(u[0, 2])), u[:1, 2:3]
+            runs.append(run)
+            z0.append(self.simulator.start_states(("v_x",), v_x, run.inputs[:1], p[None]))
+            plans.append(schedule(self.simulator.trace, run, self.simulator.shifts(p), self.longest))
         lanes = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(runs)])
         with np.errstate(all="ignore"):
-            _, y = self.simulator.kernel.simulate(z0, lanes.segments, np.ascontiguousarray(P), lanes.reads)
+            _, y = self.simulator.kernel.simulate(np.vstack(z0), lanes.segments, np.ascontiguousarray(P), lanes.reads)
         return np.split(lanes.gathered(y), np.cumsum([len(run) for run in runs[:-1]]))
 
 

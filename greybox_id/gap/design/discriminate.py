@@ -342,21 +342,16 @@ class _Rivals:
 
     def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
         """The readings if a rival were true, with commands as planned; one row of `every`."""
-        time = plan.time[::every]
-        blank = {name: np.zeros(len(time)) for name in self.read}
-        for name in ("v_x", "v_y", "yaw_rate"):
-            if name in blank:
-                blank[name] = plan.of(name)[::every]
-        signals = {"steer": plan.steer[::every], self.drive: plan.drive[::every], **blank}
-        outputs = self.rivals[true].model.outputs
-        recording, ones = Recording("plan", time, signals), np.ones(len(outputs))
+        time, outputs = plan.time[::every], self.rivals[true].model.outputs
+        commands = {"steer": plan.steer[::every], self.drive: plan.drive[::every]}
+        planned = {name: plan.of(name)[::every] if name in ("v_x", "v_y", "yaw_rate") else np.zeros(len(time))
+                   for name in self.read}  # fmt: skip
+        recording, ones = Recording("plan", time, commands | planned), np.ones(len(outputs))
         problem = MotionProblem(self.simulators[true], [recording], noise=ones, starts="measured", about=p)
-        y = problem.simulated_nodes(problem.unknowns(p)).y
-        columns = [outputs.index(name) for name in self.read]
-        if not np.all(np.isfinite(y[time >= LATE][:, columns])):
+        y = problem.simulated_nodes(problem.unknowns(p)).y[:, [outputs.index(name) for name in self.read]]
+        if not np.all(np.isfinite(y[time >= LATE])):
             return None
-        filled = {name: y[:, outputs.index(name)] for name in self.read}
-        return Recording("plan", time, {**signals, **filled})
+        return Recording("plan", time, commands | dict(zip(self.read, y.T, strict=True)))
 
 
 def _joint(gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str]) -> MotionModel:

@@ -119,7 +119,6 @@ class Design:
         return pd.DataFrame(columns).round(6)
 
     def _edge(self, name: str, k: int) -> Array:
-        assert self.plan is not None
         if name not in ("x", "y"):
             return np.asarray(self.corridor[k][:, AT[name]])
         here, across = (self.corridor[j][:, [AT["x"], AT["y"]]] for j in (k, 1 - k))
