@@ -14,11 +14,10 @@ from math import comb
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..base.statistics import NORMAL, resampled
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
@@ -52,7 +51,7 @@ def budget(
     misfits: Mapping[Set, Misfit],
     names: tuple[str, ...],
     sd: Array,
-    good: NDArray[np.bool_],
+    good: Mask,
     bench: FreeRuns,
     recordings: tuple[str, ...],
     held_out: bool,

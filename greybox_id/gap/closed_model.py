@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..base.shorthands import Array
-from ..base.statistics import MIDDLE_HALF, correlation_time
+from ..base.statistics import correlation_time, robust_sd
 from ..datasets.recording import Recording
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
@@ -190,7 +190,7 @@ def _counted(examined: Examined, best: Hypothesis) -> Array:
     """(outputs,) sd of readings in free runs: spread of errors, times the root of their correlation time."""
     freed, counted = examined.at_its_best(best), []
     for good, e in zip(examined.good.T, freed.e.T, strict=True):
-        spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
+        spread = robust_sd(e[good]) if np.any(good) else 1.0
         alike = correlation_time(np.where(good, e, 0.0)[:, None])
         counted.append(max(spread, LEAST_NOISE) * float(np.sqrt(alike)))
     return np.array(counted)

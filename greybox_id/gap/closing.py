@@ -9,10 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.numbers import the_recordings
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..base.signals import unit_of
 from ..base.statistics import resampled
 from ..datasets.recording import Recording
@@ -56,9 +55,7 @@ def closure(
     return closed_by(first, then, sd, good, bench, tuple(recording.name for recording in recordings))
 
 
-def closed_by(
-    before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns, names: tuple[str, ...]
-) -> Closure:
+def closed_by(before: Misfit, after: Misfit, sd: Array, good: Mask, bench: FreeRuns, names: tuple[str, ...]) -> Closure:
     """The closure from one misfit to another.
 
     Parameters
@@ -97,7 +94,7 @@ def left_open(closure: Closure) -> Closure:
     return replace(closure, after=before, floor=min(1.0, before), closed=0.0, closed_interval=none, errors=errors)
 
 
-def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns) -> tuple[Errors, ...]:
+def _errors(before: Misfit, after: Misfit, sd: Array, good: Mask, bench: FreeRuns) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
     result = []
     for c, channel in enumerate(bench.channels):

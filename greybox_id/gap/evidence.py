@@ -15,10 +15,9 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri, softmax
 
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from .estimation.axes import Candidate
 from .estimation.calibration import CAL
 from .estimation.constancy import discounted
@@ -186,7 +185,7 @@ def by_chance(score: float) -> float:
     return float(min(1.0, CAL.rare * np.exp(-max(score, np.log(CAL.rare)))))
 
 
-def by_plain_errors(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selection:
+def by_plain_errors(selection: Selection, sd: Array, good: Mask) -> Selection:
     """The selection with the costs of hypotheses by plain errors, where these are higher.
 
     Training minimises plain errors, and leaves correlated ones. Whitening emphasises their fast part, which training

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..engine.simulation import FreeRuns
 from ..models.effect import Effect
 from .estimation.calibration import CAL
@@ -32,7 +31,7 @@ def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     return {name: _smooth(values, bench) for name, values in result.items()}
 
 
-def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
+def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, Mask]:
     """Rows of each regime."""
     count = len(bench.measured)
     nothing = np.zeros(count)
@@ -77,11 +76,10 @@ def where(
         for name, regime in regimes(bench, seen).items()
     }
     lifted = {
-        name: share / max(time, 1e-3)
+        name: lift
         for name, (time, share) in shares.items()
-        if share > CAL.regime_share and time > CAL.regime_time
+        if share > CAL.regime_share and time > CAL.regime_time and (lift := share / max(time, 1e-3)) > CAL.lift
     }
-    best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"
     channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
     gains: dict[str, float] = {}
     for entry in expected_gains:
@@ -90,8 +88,8 @@ def where(
         gains[part] = max(gains.get(part, 0.0), entry.gain)
     everything = sum(gains.values()) or 1.0
     return Where(
-        channel=max(channels, key=lambda name: channels[name]) if channels else "",
-        regime=best if lifted and lifted[best] > CAL.lift else "any",
+        channel=max(channels, key=lambda name: channels[name], default=""),
+        regime=max(lifted, key=lambda name: lifted[name], default="any"),
         equations={k: v / everything for k, v in sorted(gains.items(), key=lambda item: -item[1])},
         time=_stretch(bench, excess),
         channels=channels,

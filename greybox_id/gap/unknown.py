@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from math import exp
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..engine.simulation import FreeRuns
 from .estimation.calibration import CAL
 from .estimation.constancy import acts_on, varies
@@ -90,7 +89,7 @@ def signs(
 
 
 def excess_ratio(
-    e: Array, y: Array, sd: Array, good: NDArray[np.bool_], channels: Sequence[str], alone: float, inexact: bool
+    e: Array, y: Array, sd: Array, good: Mask, channels: Sequence[str], alone: float, inexact: bool
 ) -> float:
     """Excess over noise, over the excess that is no gap yet, in the channel where that is largest.
 

@@ -17,12 +17,11 @@ from math import log
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
 from ...base.errors import BadInput
-from ...base.shorthands import Array, Index
+from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording, join
 from ...filters.filtering import LaidRun, filtering, laid
 from ...filters.kernel import SigmaPoints
@@ -92,7 +91,7 @@ class FilterInnovations:
     """
 
     white: Array
-    there: NDArray[np.bool_]
+    there: Mask
     spread: Array
     runs: Index
 
@@ -163,7 +162,7 @@ class InnovationNoise:
         degrees = self.degrees + np.sum(innovations.there, axis=1)
         return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
-    def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
+    def _by_channel(self, values: Array | Mask) -> Array:
         return np.asarray(np.sum(values.reshape(-1, self.channels), axis=0), dtype=float)
 
 
@@ -268,7 +267,7 @@ class Follower:
         columns = [self.model.outputs.index(name) for name in self.read]
         size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
         latest = LATEST[1] if self.model.latencies else 0.0
-        result, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
+        result, there, of_run = list[Array](), list[Mask](), list[int]()
         for number, (run, both) in enumerate(zip(runs, parts, strict=True)):
             rows = np.flatnonzero(np.any(np.isfinite(run.run.measured[:, columns]), axis=1))
             rows = rows[run.run.time[rows] > run.run.time[0] + latest]  # earlier ones initialise the filter

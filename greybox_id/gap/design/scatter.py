@@ -13,10 +13,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...base.machine_code import begun
-from ...base.shorthands import Array, Index
+from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
@@ -135,7 +134,7 @@ class ExpectedErrors:
 
 @begun
 def _shaken(  # pragma: no cover
-    A: Array, B: Array, C: Array, D: Array, fade: Array, begins: NDArray[np.bool_],
+    A: Array, B: Array, C: Array, D: Array, fade: Array, begins: Mask,
     pointer: Index, channel: Index, G: Array,
 ) -> Array:  # fmt: skip
     """(q, q) covariance from unknown forces: of each of their shocks, by the adjoint error equations, backwards.
