@@ -17,8 +17,7 @@ from ..fitting.fit import Fit
 from ..fitting.holding import as_fitted
 from ..fitting.provenance import data_record
 from ..fitting.requested_model import doubts, must_be_recorded
-from ..gap.changes.sensitivity import Visible
-from ..gap.changes.verb import diagnose_change, visible_changes
+from ..gap.changes.verb import Visible, diagnose_change, visible_changes
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.estimation.memory_bench import must_suit
 from ..gap.gap import Gap

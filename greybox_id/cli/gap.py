@@ -22,8 +22,7 @@ from ..base.guard import claim, option_of
 from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit, the_recordings
 from ..fitting.requested_model import named_vehicle
-from ..gap.changes.sensitivity import Visible
-from ..gap.changes.verb import Changed
+from ..gap.changes.verb import Changed, Visible
 from ..gap.design.arena import arena as arena_of
 from ..gap.gap import Gap
 from ..models.registry import MODELS

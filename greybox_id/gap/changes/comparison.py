@@ -10,14 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from ...base.errors import BadInput
 from ...base.numbers import listed, number
 from ...base.shorthands import Array
+from ...base.statistics import resampled
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
+from ..budget import shapley_weights
 from ..estimation.calibration import CAL
-from ..gap import CauseClass, Gap, Ranked, Where
+from ..estimation.free_runs import subsets
+from ..gap import Budget, CauseClass, Closure, Gap, Ranked, Share, Where
 from .between_runs import Common, values_of
-from .closing import budget_of, channels_of, closure, loudness, mean_square
 from .columns import ByColumns
 from .innovations import FollowedRun
 from .search import NONE, ChangeSearch, Places
@@ -103,7 +106,7 @@ class ChangeComparison:
     def _doubt(self, places: Places, place: int) -> str:
         """Why a change is not applied, although it gains what it must; "" if it is."""
         one, probability, mean = self.known.numbers[place], self.search.probability(place), self.mean(places)
-        if closure(self.known, self.others, mean, self.names[1], self.mean(places - {place})).closed_interval[0] <= 0:
+        if _closure(self.known, self.others, mean, self.names[1], self.mean(places - {place})).closed_interval[0] <= 0:
             return "it does not improve predictions of held-out recordings"
         if probability <= CAL.present:
             members = self.search.alike(places, place)
@@ -148,24 +151,40 @@ class ChangeComparison:
     def left_over(self, mean: Array) -> float:
         """How much larger errors are than before: explained within scatter, or by what changed and no scatter at all.
 
-        For the latter, two recordings from before must show how much larger they are between runs.
+        For the former, innovations count by their scales: mean over channels, median over recordings. For the latter,
+        two recordings from before must show how much larger errors are between runs.
         """
-        base = loudness(self.known, self.rides, self.search.sets[NONE].explained)
+        known, unchanged = self.known, self.search.sets[NONE].explained.x
+        innovations = [known.weigher.innovations(ride, unchanged) for ride in self.rides]
+        scales = [known.weigher.noise.scales(item) for item in innovations if item is not None]
+        base = float(np.median(np.mean(scales, axis=1))) if scales else 1.0
         if len(self.since) < 2:
             return base
-        apart = mean_square(self.known, self.others, mean) / mean_square(self.known, self.since, self.known.x)
-        return max(base, sqrt(apart))
+        (after, count), (before, its_count) = (
+            np.sum(_squares(known, rides, [x]), axis=0) for rides, x in ((self.others, mean), (self.since, known.x))
+        )
+        return max(base, sqrt((after / count) / (before / its_count)))
+
+    def _channels(self) -> dict[str, float]:
+        """Channel -> root mean square of innovations over their predicted size, with the numbers from before."""
+        read = self.known.weigher.follower.read
+        squares, count = np.zeros(len(read)), np.zeros(len(read))
+        for ride in self.rides:
+            innovations = self.known.weigher.innovations(ride, self.known.x)
+            if innovations is not None:
+                squares += np.sum((innovations.white**2).reshape(-1, len(read)), axis=0)
+                count += np.sum(innovations.there.reshape(-1, len(read)), axis=0)
+        return dict(zip(read, np.sqrt(squares / np.maximum(count, 1.0)).tolist(), strict=True))
 
     def answer(self, model: MotionModel, held_out: bool, doubts: tuple[str, ...]) -> Gap:
         """The gap to the vehicle as it was before."""
         known, mean = self.known, self.mean(self.places)
-        chosen, judged = (closure(known, some, mean, names)
+        chosen, judged = (_closure(known, some, mean, names)
                           for some, names in zip((self.rides, self.others), self.names, strict=True))  # fmt: skip
         loud = self.left_over(mean)
         odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
         unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
-        channels = channels_of(known, self.rides)
-        ranking = self.ranking()
+        channels, ranking = self._channels(), self.ranking()
         applied = {place: self.effect(place) for place in (*self.direct, *self.places)}
         order = [one.effect for one in ranking if one.effect in applied.values()]
         applied = dict(sorted(applied.items(), key=lambda item: order.index(item[1])))
@@ -188,8 +207,74 @@ class ChangeComparison:
             advice=(),
             closed=_model_at(model, self.possible, known, mean),
             classes=self.classes,
-            budget=budget_of(known, self.others, mean, applied, self.names[1], held_out),
+            budget=_budget(known, self.others, mean, applied, self.names[1], held_out),
         )
+
+
+def _closure(
+    known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...], first: Array | None = None
+) -> Closure:
+    """How far errors close from the vehicle's numbers `first`, by default as they were before, to those of `mean`."""
+    sums = _squares(known, rides, [known.x if first is None else first, mean])
+    total = np.sum(sums, axis=0)
+    before, after = (float(item) for item in total[:2] / total[2])
+
+    def share(total: Array) -> float:
+        before, after = total[:2] / total[2]
+        return float((before - after) / max(before - min(1.0, before, after), CAL.least_gap))
+
+    low, high = (float(end) for end in resampled(sums, share, CAL.draws))
+    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
+
+
+def _budget(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    mean: Array,
+    applied: Mapping[int, str],
+    names: tuple[str, ...],
+    held_out: bool,
+) -> Budget | None:
+    """Shares of the applied effects, by Shapley; the rest of the gap is unexplained.
+
+    Parameters
+    ----------
+    mean : coordinates of the vehicle with all of them.
+    applied : index of its number -> name of an effect.
+    names, held_out : of the recordings, and whether these chose nothing.
+    """
+    if not applied:
+        return None
+    effects = tuple(applied.values())
+    weights = shapley_weights(effects)
+    means = [np.where([applied.get(k) in some for k in range(len(mean))], mean, known.x) for some in subsets(effects)]
+
+    def shares(total: Array) -> Array:
+        E = total[:-1] / total[-1]
+        excess = max(E[0] - min(1.0, E[0], E[-1]), CAL.least_gap)
+        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets that lose the vehicle explain nothing
+        return np.asarray(np.append(weights @ E, excess - E[0] + E[-1]) / excess)
+
+    sums = _squares(known, rides, means)
+    low, high = resampled(sums, shares, CAL.draws)
+    result = [Share(name, float(s), float(a), float(b))
+              for name, s, a, b in zip((*effects, "unexplained"), shares(np.sum(sums, axis=0)), low, high,
+                                       strict=True)]  # fmt: skip
+    return Budget(tuple(result[:-1]), result[-1], names, held_out)
+
+
+def _squares(known: Common, rides: Sequence[FollowedRun], means: Sequence[Array]) -> Array:
+    """(blocks, means + 1) sums of squared innovations with each of several coordinates, and numbers of readings."""
+    weigher, result = known.weigher, list[Array]()
+    ones = np.ones(weigher.noise.channels)
+    for ride in rides:
+        several = weigher.follower.beside(ride, [values_of(weigher.numbers, x) for x in means])
+        there = [one for one in several if one is not None]
+        if len(there) < len(several):
+            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+        squares = [np.sum(weigher.noise.white(one, ones) ** 2, axis=1) for one in there]
+        result.append(np.stack([*squares, np.sum(there[0].there, axis=1)], axis=1))
+    return np.concatenate(result)
 
 
 def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:

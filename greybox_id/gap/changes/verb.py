@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import inf, isfinite
+from math import inf, isfinite, log, sqrt
 from typing import Any
 
 import numpy as np
@@ -27,12 +27,11 @@ from ...models.parameter import Stated
 from ...models.vehicle import Vehicle
 from ..estimation.calibration import CAL
 from ..gap import Gap
-from .between_runs import Common, values_of
+from .between_runs import Common, change_sds, values_of
 from .columns import ByColumns, steering_changes
 from .comparison import ChangeComparison, within
 from .innovations import FollowedRun, Follower
 from .search import ChangeSearch
-from .sensitivity import Visible, visible
 from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
 
@@ -96,6 +95,31 @@ class Changed:
             "not_changed": self.not_changed, "not_seen": self.not_seen,
         }  # fmt: skip
         return self.gap.to_json() | more
+
+
+@dataclass(frozen=True)
+class Visible:
+    """Detection limit of a change.
+
+    Attributes
+    ----------
+    effect : name.
+    size : least detectable distance from the usual value, in the effect's unit; relative where it is a factor. Infinite
+        if larger than such changes are.
+    scatter, told : its two parts, standard deviations: scatter between runs to which nothing is done, and uncertainty
+        of the estimate from one recording.
+    usual : of a factor, the mean of the runs; else its magnitude.
+    factor : whether it is one.
+    unit : of the effect.
+    """
+
+    effect: str
+    size: float
+    scatter: float
+    told: float
+    usual: float
+    factor: bool
+    unit: str
 
 
 @np.errstate(over="ignore", invalid="ignore")  # as in a diagnosis
@@ -175,9 +199,35 @@ def visible_changes(
         full, numbers = numbers_of(model, possible, vehicle)
         rides = [FollowedRun.of(one, read, seconds_followed(model)) for one in since]
         known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
-        names = {effect.parameter.name: name for name, effect in possible.items()}
-        units = {name: effect.parameter.unit for name, effect in possible.items()}
-        return visible(known, rides, names, units, CAL.cost_changed)
+        return visible(known, rides, possible)
+
+
+def visible(known: Common, rides: Sequence[FollowedRun], possible: Mapping[str, Effect]) -> tuple[Visible, ...]:
+    """Detection limits on one further recording like these, smallest share of a usual change first.
+
+    A change of c sd gains c^2 / 2 nats, less Occam's factor for a prior as wide as changes are; it is detected from
+    where that is what a change must gain (`search.Change`).
+
+    Parameters
+    ----------
+    known : of the recordings from before.
+    rides : these recordings, each of which stands for a further one.
+    possible : effects that may change, by name.
+    """
+    names = {effect.parameter.name: name for name, effect in possible.items()}
+    V = known.of_a_run
+    sds = change_sds(np.median([known.weigher.curve(ride, known.x).H for ride in rides], axis=0), V)
+    result = list[tuple[float, Visible]]()
+    for place in known.varying:
+        number, sd = known.numbers[place], float(sds[place])
+        away = sd * sqrt(2.0 * (CAL.cost_changed + 0.5 * log(1.0 + (number.change / sd) ** 2)))
+        size = away if away < CAL.reach_sd * number.change else inf
+        alone, middle = sqrt(max(sd**2 - float(V[place, place]), 0.0)), number.value(known.x[place])
+        name, scatter = names[number.name], float(known.scatter[place])
+        unit = possible[name].parameter.unit
+        limit = Visible(name, size, scatter, alone, middle, number.logarithmic, unit)
+        result.append((size / number.change, limit))
+    return tuple(limit for _, limit in sorted(result, key=lambda item: item[0]))
 
 
 def seconds_followed(model: MotionModel) -> float:

@@ -11,9 +11,9 @@ from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.changes.between_runs import VaryingNumber
-from greybox_id.gap.changes.sensitivity import visible
 from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike, driven_elsewhere
-from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filtered_alike, visible_changes
+from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filtered_alike, visible, visible_changes
+from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Stated
@@ -211,12 +211,14 @@ def test_what_one_recording_tells_well_shows_from_a_smaller_size():
     weigher = SimpleNamespace(curve=lambda ride, x: SimpleNamespace(H=L))
     known = SimpleNamespace(weigher=weigher, of_a_run=V, x=np.zeros(3), numbers=numbers, varying=(0, 1, 2),
                             scatter=np.full(3, 0.01))  # fmt: skip
-    names = {name: name for name in ("near", "far", "blind")}
-    near, far, blind = visible(known, [None], names, dict.fromkeys(names, "m"), 10.0)
+    possible = {one.name: SimpleNamespace(parameter=SimpleNamespace(name=one.name, unit="m")) for one in numbers}
+    near, far, blind = visible(known, [None], possible)
     assert [own.effect for own in (near, far, blind)] == ["near", "far", "blind"]
     assert near.told == pytest.approx(1e-3, rel=0.01)
     sd = np.hypot(0.01, 1e-3)
-    assert near.size == pytest.approx(sd * np.sqrt(2 * (10.0 + 0.5 * np.log(1 + (0.3 / sd) ** 2))), rel=0.01)
+    assert near.size == pytest.approx(
+        sd * np.sqrt(2 * (CAL.cost_changed + 0.5 * np.log(1 + (0.3 / sd) ** 2))), rel=0.01
+    )
     assert near.size < far.size < blind.size == np.inf
 
 
