@@ -74,28 +74,24 @@ class Weigher:
     numbers: tuple[VaryingNumber, ...]
     noise: InnovationNoise
 
-    def innovations(self, ride: FollowedRun, x: Array) -> FilterInnovations | None:
-        """Innovations of a ride at coordinates x; None where the filter diverges."""
-        return self.follower.innovations(ride, values_of(self.numbers, x))
+    def innovations(self, ride: FollowedRun, *several: Array) -> list[FilterInnovations | None]:
+        """Innovations of a ride at several coordinates, filtered side by side; None where the filter diverges."""
+        return self.follower.innovations(ride, [values_of(self.numbers, x) for x in several])
 
     def cost(self, ride: FollowedRun, x: Array) -> float:
         """Negative log-likelihood of a ride at coordinates x; infinite where the filter diverges."""
-        result = self.innovations(ride, x)
-        return np.inf if result is None else self.noise.cost(result)
+        return self.costs(ride, [x])[0]
 
     def costs(self, ride: FollowedRun, several: Sequence[Array]) -> list[float]:
-        """The same at several coordinates, filtered side by side."""
-        result = self.follower.beside(ride, [values_of(self.numbers, x) for x in several])
-        return [np.inf if one is None else self.noise.cost(one) for one in result]
+        """The same at several coordinates."""
+        return [np.inf if one is None else self.noise.cost(one) for one in self.innovations(ride, *several)]
 
     def curve(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Curve:
         """Cost of a ride at x with derivatives by the numbers at indices `moved`; None: by all."""
         n, places = len(x), range(len(x)) if moved is None else moved
         steps = {k: item.step if x[k] + item.step <= item.high else -item.step
                  for k in places for item in (self.numbers[k],)}  # fmt: skip
-        tried = [values_of(self.numbers, x), *(values_of(self.numbers, x + step * (np.arange(n) == k))
-                                               for k, step in steps.items())]  # fmt: skip
-        here, *beside = self.follower.beside(ride, tried)
+        here, *beside = self.innovations(ride, x, *(x + step * (np.arange(n) == k) for k, step in steps.items()))
         if here is None:
             name = ride.recording.name
             raise BadInput(f"The filter diverges on {name}: is this the right vehicle, in the right units?")

@@ -155,7 +155,7 @@ class ChangeComparison:
         two recordings from before must show how much larger errors are between runs.
         """
         known, unchanged = self.known, self.search.sets[NONE].explained.x
-        innovations = [known.weigher.innovations(ride, unchanged) for ride in self.rides]
+        innovations = [item for ride in self.rides for item in known.weigher.innovations(ride, unchanged)]
         scales = [known.weigher.noise.scales(item) for item in innovations if item is not None]
         base = float(np.median(np.mean(scales, axis=1))) if scales else 1.0
         if len(self.since) < 2:
@@ -170,7 +170,7 @@ class ChangeComparison:
         read = self.known.weigher.follower.read
         squares, count = np.zeros(len(read)), np.zeros(len(read))
         for ride in self.rides:
-            innovations = self.known.weigher.innovations(ride, self.known.x)
+            (innovations,) = self.known.weigher.innovations(ride, self.known.x)
             if innovations is not None:
                 squares += np.sum((innovations.white**2).reshape(-1, len(read)), axis=0)
                 count += np.sum(innovations.there.reshape(-1, len(read)), axis=0)
@@ -268,7 +268,7 @@ def _squares(known: Common, rides: Sequence[FollowedRun], means: Sequence[Array]
     weigher, result = known.weigher, list[Array]()
     ones = np.ones(weigher.noise.channels)
     for ride in rides:
-        several = weigher.follower.beside(ride, [values_of(weigher.numbers, x) for x in means])
+        several = weigher.innovations(ride, *means)
         there = [one for one in several if one is not None]
         if len(there) < len(several):
             raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")

@@ -244,15 +244,12 @@ class Follower:
         result = tuned(self._filter, runs, p, coordinates, [])
         self.p = np.concatenate([self.model.values, result.p[self.model.size :]])
 
-    def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
-        """Innovations with these numbers of the model; None where the filter diverges at once.
+    def innovations(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
+        """Innovations with several sets of numbers of the model, filtered side by side where their delays are alike.
 
-        Where it diverges later, innovations are set to a large value, so that no number gains by losing the vehicle.
+        None where the filter diverges at once. Where it diverges later, innovations are set to a large value, so that
+        no number gains by losing the vehicle.
         """
-        return self.beside(ride, [values])[0]
-
-    def beside(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
-        """The same for several sets of numbers, filtered side by side where their delays are alike."""
         p = np.array([np.concatenate([self._numbers(values), self.p[self.model.size :]]) for values in tried])
         laid_out = [self._runs(ride, item) for item in p]
         result: list[FilterInnovations | None] = [None] * len(p)

@@ -252,7 +252,7 @@ class ChangeSearch:
         nearest = min(refits.values(), key=lambda one: one.cost)  # both sides of a comparison must have the same starts
         again = self._refitted(self.rides, there.covariance, [nearest.x])
         if again.cost < there.explained.cost:
-            there = self._replaced(replace(there, explained=again))
+            there = self.sets[places] = replace(there, explained=again)
             for item in tried:
                 more = self._refitted(self.rides, item.covariance, [again.x])
                 refits[item.place] = min(refits[item.place], more, key=lambda one: one.cost)
@@ -285,8 +285,8 @@ class ChangeSearch:
             judged.append(there)
             means.append(mean)
             improved.append(alone)
-        self._replaced(replace(other, judged=tuple(improved)))
-        self._replaced(ChangedSet(places, covariance, refit, tuple(judged), shift, tuple(means)))
+        self.sets[beside] = replace(other, judged=tuple(improved))
+        self.sets[places] = ChangedSet(places, covariance, refit, tuple(judged), shift, tuple(means))
 
     def _promising(self, there: ChangedSet, place: int) -> Promising:
         """A further change's expected gain, by a Gauss-Newton step from the set's optimum and magnitudes tried."""
@@ -307,10 +307,6 @@ class ChangeSearch:
         best = int(np.argmin(costs))
         starts = (tried[best],) if best < 2 else (tried[best], base.x)
         return Promising(place, wide, starts, base.cost - float(costs[best]))
-
-    def _replaced(self, value: ChangedSet) -> ChangedSet:
-        self.sets[value.places] = value
-        return value
 
     def _widened(self, places: Places) -> Array:
         V = self.known.of_a_run.copy()

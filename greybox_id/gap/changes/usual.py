@@ -179,7 +179,8 @@ def usual(
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
     result = common(weigher, rides, scatter, prior_runs, settled=CAL.enough)  # only for sizes of noise
     follower.tune(rides, values_of(known, result.x))
-    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, result.x + result.deviations, strict=True)]
+    at = zip(rides, result.x + result.deviations, strict=True)
+    innovations = [innovation for ride, x in at for innovation in weigher.innovations(ride, x)]
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
     result = common(replace(weigher, noise=noise), rides, scatter, prior_runs, result)
     tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))

@@ -105,8 +105,8 @@ def test_a_filter_with_the_true_numbers_foresees_best():
     noise = plain_noise(follower.size, 2)
 
     def cost(grip):
-        found = follower.innovations(ride, {name: float(model[name].array) * grip for name in ("D_f", "D_r")})
-        return noise.cost(found)
+        lost = {name: float(model[name].array) * grip for name in ("D_f", "D_r")}
+        return noise.cost(*follower.innovations(ride, [lost]))
 
     assert min((0.5, 0.6, 0.7, 0.8, 1.0), key=cost) == 0.7
 
@@ -117,7 +117,8 @@ def test_readings_that_are_late_are_foreseen_for_when_they_were_taken():
     ride = FollowedRun.of(lap({"sensor_latency_yaw": 0.05}, seconds=20.0, seed=3), READ)
     follower = Follower(model, READ)
     follower.tune([ride], {"sensor_latency_yaw": 0.05})
-    found = {late: follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (0.0, 0.02, 0.047, 0.1)}
+    late = (0.0, 0.02, 0.047, 0.1)
+    found = dict(zip(late, follower.innovations(ride, [{"sensor_latency_yaw": own} for own in late]), strict=True))
     assert all(np.max(np.abs(own.white)) < CAL.astray for own in found.values())
     kept = np.count_nonzero(np.isfinite(ride.recording["yaw_rate"]))
     left_out = LATEST[1] / CAL.apart + 1  # at the beginning, where the latest reading is of before the run
@@ -136,17 +137,16 @@ def test_where_nothing_is_steered_a_delay_that_cuts_rows_changes_nothing():
     follower = Follower(model, READ)
     follower.tune([ride], {})
     noise = plain_noise(follower.size, 2)
-    costs = [noise.cost(follower.innovations(ride, {"steering_delay": d * own.sample_time})) for d in (0.0, 0.2, 0.5)]
-    assert np.ptp(costs) < 0.5
+    late = [{"steering_delay": share * own.sample_time} for share in (0.0, 0.2, 0.5)]
+    assert np.ptp([noise.cost(found) for found in follower.innovations(ride, late)]) < 0.5
 
 
 def test_cost_has_no_edge_where_a_reading_begins_to_be_late_and_counts_what_is_late_alike():
     ride = FollowedRun.of(lap(seconds=12.0), READ)
     follower = Follower(nominal() + EFFECTS["sensor_latency_yaw"].at(0.0), READ)
     follower.tune([ride], {})
-    none, least, little, much, most = (
-        follower.innovations(ride, {"sensor_latency_yaw": late}) for late in (0.0, 2 * AT_ONCE, 1e-4, 0.09, 0.15)
-    )
+    late = [{"sensor_latency_yaw": own} for own in (0.0, 2 * AT_ONCE, 1e-4, 0.09, 0.15)]
+    none, least, little, much, most = follower.innovations(ride, late)
     foreseen = [np.sum(own.spread[own.runs == 0][0, : 2 * len(READ)]) for own in (none, least)]
     assert foreseen[1] == pytest.approx(foreseen[0], abs=1e-3)  # the run begins with what was read before it
     noise = plain_noise(follower.size, len(READ))
