@@ -51,11 +51,9 @@ def with_beginnings(
         return hypothesis.cost + price(hypothesis, cost)
 
     known = min((selection.base, *selection.tried), key=score)
-    beside = {frozenset(item.names): item for item in (selection.base, *selection.tried)}
-    parents = {frozenset[str](): selection.base}
-    parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
+    single = {item.names[0]: item for item in selection.tried if len(item.names) == 1}
     result = list[_Begun]()
-    for parent in parents.values():
+    for parent in (selection.base, *(single[name] for name in known.names if name in single)):
         for promising in _part_candidates(search, parent, candidates, cost, min(known.cost, parent.cost)):
             begun = _refitted(search, parent, *promising)
             if begun is not None and score(begun.hypothesis) < score(known) + CAL.alike:

@@ -26,15 +26,7 @@ from .closed_model import with_effects
 from .closing import closed_by, on_held_out
 from .estimation.axes import scalars
 from .estimation.calibration import CAL
-from .estimation.free_runs import (
-    Misfit,
-    at_their_best,
-    inliers,
-    misfit,
-    of_subsets,
-    refitted_tolerances,
-    subsets,
-)
+from .estimation.free_runs import Misfit, at_their_best, inliers, misfit, of_subsets, refitted_tolerances, subsets
 from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.noise import blocks, white_noise
 from .estimation.search import Search
@@ -142,10 +134,7 @@ def shared_out(
 class _Refits:
     """Errors of free runs with sets of a hypothesis' effects, tolerances refitted.
 
-    Parameters
-    ----------
-    examined, best : what was examined, and the hypothesis whose effects these are.
-    held_out : recordings that chose nothing; where there are none, runs are those of the diagnosed ones.
+    Runs are those of held-out recordings; where there are none, of the diagnosed ones.
     """
 
     def __init__(self, examined: Examined, best: Hypothesis, held_out: Sequence[Recording]) -> None:

@@ -339,13 +339,7 @@ def _ranked(examined: Examined, hypothesis: Hypothesis, name: str, p: float, rea
 
 
 def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
-    """The unexplained error in a sentence.
-
-    Parameters
-    ----------
-    channel : where it is largest.
-    like : effects that it resembles.
-    """
+    """The unexplained error, largest in a channel and like some effects that vary, in a sentence."""
     signs, names, left = examined.signs, examined.best.names, examined.unnamed
     parts = [f"the unexplained error is largest in {channel}"] if channel else []
     if like:

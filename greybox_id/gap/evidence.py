@@ -83,16 +83,16 @@ def evidence(
     """
     search = selection.search
     temper = tempering(search.whitener.readings, inexact, left)
-    gained = [temper / search.trust * (selection.base.cost - item.cost) for item in selection.tried]
-    least = [price(item, cost) for item in selection.tried]
-    margins = [gain - option for gain, option in zip(gained, least, strict=True)]
+    tried = selection.tried
+    gained = np.array([temper / search.trust * (selection.base.cost - item.cost) for item in tried])
+    least = [price(item, cost) for item in tried]
+    margins = (gained - least).tolist()
     factors = _unsteady_factors(selection, margins, cost, unsteady) if unsteady is not None else {}
-    prices = _prices_of_aliases(selection.tried, [price(item, cost, factors) for item in selection.tried])
-    scores = [item - price for item, price in zip(gained, prices, strict=True)]
+    prices = [price(item, cost, factors) for item in tried]
+    scores, even = ((gained - _prices_of_aliases(tried, each)).tolist() for each in (prices, least))
     most = max([*scores, 0.0])
-    beyond = [item for item, each in zip(selection.tried, margins, strict=True) if each > most]
-    outdone = {name: by for name, by in factors.items() if by > 1.0 and any(name in item.names for item in beyond)}
-    even = [item - option for item, option in zip(gained, _prices_of_aliases(selection.tried, least), strict=True)]
+    beyond = {name for item, margin in zip(tried, margins, strict=True) if margin > most for name in item.names}
+    outdone = {name: by for name, by in factors.items() if by > 1.0 and name in beyond}
     weights, even_weights = (tuple(softmax([*each, 0.0])) for each in (scores, even))
     return Evidence(temper, weights, tuple(scores), outdone, even_weights)
 

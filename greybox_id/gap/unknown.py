@@ -76,16 +76,8 @@ def signs(
     left = float(np.clip(rest / max(before - 1.0, CAL.least_share), 0.0, 2.0))
     if scatter > 0 and not best.candidates and rest <= 0:
         over = 0.0  # a reading taken before its row's command looks like structure
-    return Signs(
-        left,
-        beyond,
-        over / max(over + gain, 1e-9),
-        spread,
-        place,
-        len(best.candidates),
-        float(over),
-        (base.cost - best.cost) / alone if alone > 0 else 1.0,
-    )
+    structure, together = over / max(over + gain, 1e-9), (base.cost - best.cost) / alone if alone > 0 else 1.0
+    return Signs(left, beyond, structure, spread, place, len(best.candidates), float(over), together)
 
 
 def excess_ratio(

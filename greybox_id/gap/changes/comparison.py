@@ -235,14 +235,7 @@ def _budget(
     names: tuple[str, ...],
     held_out: bool,
 ) -> Budget | None:
-    """Shares of the applied effects, by Shapley; the rest of the gap is unexplained.
-
-    Parameters
-    ----------
-    mean : coordinates of the vehicle with all of them.
-    applied : index of its number -> name of an effect.
-    names, held_out : of the recordings, and whether these chose nothing.
-    """
+    """Shares of the applied effects (by index of their number) by Shapley; the rest of the gap is unexplained."""
     if not applied:
         return None
     effects = tuple(applied.values())

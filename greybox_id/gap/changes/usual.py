@@ -161,19 +161,19 @@ def usual(
     numbers: Sequence[VaryingNumber],
     rides: Sequence[FollowedRun],
     tell: Callable[..., None],
-    filters: Mapping[str, float],
+    filtered: Sequence[str] = (),
 ) -> Common:
     """Learn from recordings what is usual for a vehicle.
 
     Parameters
     ----------
     rides : from before.
-    filters : name -> standard deviation between runs that have passed different filters.
+    filtered : numbers that runs to be compared differ in because they have passed different filters.
     """
     known = tuple(numbers)
     tell(f"estimating the usual values of effects from {the_recordings([one.recording.name for one in rides])}")
     nominal = values_of(known, np.array([item.mean for item in known]))
-    scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
+    scatter = {one.name: one.usual for one in known if one.usual} | dict.fromkeys(filtered, CAL.filters)
     prior_runs = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))

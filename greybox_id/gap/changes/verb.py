@@ -161,7 +161,7 @@ def diagnose_change(
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], unchanged) > CAL.driven
         nameless = () if filtered and driven else GAINS
-        known = usual(Follower(full, read), numbers, unchanged, tell, dict.fromkeys(nameless, CAL.filters))
+        known = usual(Follower(full, read), numbers, unchanged, tell, nameless)
         if not driven:  # model-form errors do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
@@ -198,7 +198,7 @@ def visible_changes(
     with threadpool_limits(1):
         full, numbers = numbers_of(model, possible, vehicle)
         rides = [FollowedRun.of(one, read, seconds_followed(model)) for one in since]
-        known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
+        known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None))
         return visible(known, rides, possible)
 
 

@@ -13,7 +13,7 @@ from ...engine.motion.schedule import MotionRun, Schedule, longest_segment, sche
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from .driver import OUTPUTS, PLANNED, PlanDriver, driven
-from .limits import DriveLimits
+from .limits import DriveLimits, number
 from .primitives import PlannedDrive
 
 AT = {name: k for k, name in enumerate(OUTPUTS)}
@@ -57,7 +57,6 @@ class PlanCourse:
         self.model = driven(model, driver)
         self.simulator = Simulator(self.model)
         self.simulator.kernel.prepare()
-        self.resistance = [float(self.model[n].array) if n in self.model else 0.0 for n in ("c_0", "c_1", "c_2")]
         still = self._run(np.arange(4) / rate, np.zeros((4, len(self.model.inputs))), slowest)
         self.longest = longest_segment(self.simulator.trace, [still], self.model.values)
 
@@ -85,7 +84,7 @@ class PlanCourse:
 
     def _forward(self, drive: PlannedDrive) -> Array:
         """Drive signal that keeps the planned speed on a straight."""
-        c_0, c_1, c_2 = self.resistance
+        c_0, c_1, c_2 = (number(self.model, name, 0.0) for name in ("c_0", "c_1", "c_2"))
         v = drive.speed
         force = self.driver.mass * np.gradient(v, drive.time) + c_0 + c_1 * v + c_2 * v**2
         return np.asarray(force / self.driver.force)

@@ -204,12 +204,7 @@ def detecting(
 class _Rivals:
     """Rival explanations, and how far a plan separates them.
 
-    Parameters
-    ----------
-    gap : the diagnosis.
-    rivals : that are to be distinguished.
-    design_task : arena, limits and the like.
-    detect : whether each is only compared with the first one, no effect; else all pairs are.
+    To detect effects, each is only compared with the first one, no effect; else all pairs are.
     """
 
     def __init__(self, gap: Gap, rivals: Sequence[Rival], design_task: DesignTask, *, detect: bool = False) -> None:
@@ -280,9 +275,7 @@ class _Rivals:
     ) -> dict[tuple[int, int], float]:
         """(true, wrong) -> nats that the wrong one loses on readings of the true one at a draw, after both adapted.
 
-        Parameters
-        ----------
-        rough : whether to take only some of the rows, no delays but those of rivals, and a single step.
+        Roughly with only some of the rows, no delays but those of rivals, and a single step.
         """
         every, steps = (max(1, round(self.task.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
         result = dict.fromkeys(ways, 0.0)
@@ -399,12 +392,7 @@ def _drawn(rival: Rival, count: int, seed: int) -> Array:
 
 
 def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitudes]:
-    """Outputs that were read, and sizes of model error and noise as the diagnosis estimates them.
-
-    Raises
-    ------
-    BadInput : the diagnosis has noise levels for no channel.
-    """
+    """Outputs that were read, and sizes of model error and noise by the diagnosis; `BadInput` where it has none."""
     floors: dict[str, float] = {}
     for error in (*gap.gap.errors, *(gap.held_out.errors if gap.held_out is not None else ())):
         if error.channel in model.outputs and isfinite(error.floor) and error.floor > 0:

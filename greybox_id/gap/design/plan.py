@@ -106,16 +106,11 @@ class Design:
         plan = self.plan
         x, y = self.placement.placed(plan.of("x"), plan.of("y"))
         columns: dict[str, Any] = {
-            "time": plan.time,
-            "phase": plan.phase + 1,
-            "steer": plan.steer,
-            self.drive: plan.drive,
-        }
-        columns |= {name: plan.of(name) for name in ("v_x", "yaw_rate", "a_y")}
-        columns |= {"x": x, "y": y, "yaw": plan.of("yaw") + self.placement.yaw}
-        for name in CORRIDOR:
-            for k, end in enumerate(("low", "high")):
-                columns[f"{name}_{end}"] = self._edge(name, k)
+            "time": plan.time, "phase": plan.phase + 1, "steer": plan.steer, self.drive: plan.drive,
+            **{name: plan.of(name) for name in ("v_x", "yaw_rate", "a_y")},
+            "x": x, "y": y, "yaw": plan.of("yaw") + self.placement.yaw,
+            **{f"{name}_{end}": self._edge(name, k) for name in CORRIDOR for k, end in enumerate(("low", "high"))},
+        }  # fmt: skip
         return pd.DataFrame(columns).round(6)
 
     def _edge(self, name: str, k: int) -> Array:

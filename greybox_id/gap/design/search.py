@@ -216,11 +216,7 @@ class PlanSearch:
     def _kept_by(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
         """Share of the draws that keep to all limits, and the phases in which others break one first.
 
-        All phases are blamed where the arena is left.
-
-        Parameters
-        ----------
-        least : share below which the exact share does not matter.
+        All phases are blamed where the arena is left. Below `least`, the exact share does not matter.
         """
         shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop counts as part of the last phase
         each = [found_plan.plan.phase == k for k in np.unique(found_plan.plan.phase)]

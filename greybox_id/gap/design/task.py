@@ -10,6 +10,7 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...models.motion_model import MotionModel
 from ...models.single_track import G
+from ..estimation.axes import scalars
 from .arena import Arena
 from .limits import DriveLimits
 from .primitives import Handling
@@ -55,8 +56,7 @@ class DesignTask:
         ----------
         samples : (K, parameters) draws of what is uncertain.
         """
-        names = [name for parameter in model.parameters for name in (parameter.name,) * parameter.size]
-        friction = [samples[:, names.index(name)] for name in ("D_f", "D_r", "mu_f", "mu_r") if name in names]
+        friction = [samples[:, k] for k, one in scalars(model) if one.name in ("D_f", "D_r", "mu_f", "mu_r")]
         if not friction:
             return self, vehicle
         low = G * float(np.quantile(np.min(friction, axis=0), 1.0 - NEEDED))
