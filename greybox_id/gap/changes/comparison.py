@@ -106,7 +106,7 @@ class ChangeComparison:
     def _doubt(self, places: Places, place: int) -> str:
         """Why a change is not applied, although it gains what it must; "" if it is."""
         one, probability, mean = self.known.numbers[place], self.search.probability(place), self.mean(places)
-        if _closure(self.known, self.others, mean, self.names[1], self.mean(places - {place})).closed_interval[0] <= 0:
+        if self._closure(self.others, self.names[1], self.mean(places - {place}), mean).closed_interval[0] <= 0:
             return "it does not improve predictions of held-out recordings"
         if probability <= CAL.present:
             members = self.search.alike(places, place)
@@ -161,7 +161,7 @@ class ChangeComparison:
         if len(self.since) < 2:
             return base
         (after, count), (before, its_count) = (
-            np.sum(_squares(known, rides, [x]), axis=0) for rides, x in ((self.others, mean), (self.since, known.x))
+            np.sum(self._squares(rides, x), axis=0) for rides, x in ((self.others, mean), (self.since, known.x))
         )
         return max(base, sqrt((after / count) / (before / its_count)))
 
@@ -178,9 +178,9 @@ class ChangeComparison:
 
     def answer(self, model: MotionModel, held_out: bool, doubts: tuple[str, ...]) -> Gap:
         """The gap to the vehicle as it was before."""
-        known, mean = self.known, self.mean(self.places)
-        chosen, judged = (_closure(known, some, mean, names)
-                          for some, names in zip((self.rides, self.others), self.names, strict=True))  # fmt: skip
+        mean = self.mean(self.places)
+        both = zip((self.rides, self.others), self.names, strict=True)
+        chosen, judged = (self._closure(rides, names, self.known.x, mean) for rides, names in both)
         loud = self.left_over(mean)
         odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
         unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
@@ -205,82 +205,67 @@ class ChangeComparison:
             not_excited={},
             absorbed=(),
             advice=(),
-            closed=_model_at(model, self.possible, known, mean),
+            closed=self._model_at(model, mean),
             classes=self.classes,
-            budget=_budget(known, self.others, mean, applied, self.names[1], held_out),
+            budget=self._budget(mean, applied, held_out) if applied else None,
         )
 
+    def _closure(self, rides: Sequence[FollowedRun], names: tuple[str, ...], first: Array, then: Array) -> Closure:
+        """How far errors close from the vehicle's numbers `first` to other ones."""
+        sums = self._squares(rides, first, then)
+        total = np.sum(sums, axis=0)
+        before, after = (float(item) for item in total[:2] / total[2])
 
-def _closure(
-    known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...], first: Array | None = None
-) -> Closure:
-    """How far errors close from the vehicle's numbers `first`, by default as they were before, to those of `mean`."""
-    sums = _squares(known, rides, [known.x if first is None else first, mean])
-    total = np.sum(sums, axis=0)
-    before, after = (float(item) for item in total[:2] / total[2])
+        def share(total: Array) -> float:
+            before, after = total[:2] / total[2]
+            return float((before - after) / max(before - min(1.0, before, after), CAL.least_gap))
 
-    def share(total: Array) -> float:
-        before, after = total[:2] / total[2]
-        return float((before - after) / max(before - min(1.0, before, after), CAL.least_gap))
+        low, high = (float(end) for end in resampled(sums, share, CAL.draws))
+        return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
 
-    low, high = (float(end) for end in resampled(sums, share, CAL.draws))
-    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
+    def _budget(self, mean: Array, applied: Mapping[int, str], held_out: bool) -> Budget:
+        """Shares of the applied effects (by index of their number) by Shapley; the rest of the gap is unexplained."""
+        x, effects = self.known.x, tuple(applied.values())
+        weights = shapley_weights(effects)
+        means = [np.where([applied.get(k) in some for k in range(len(x))], mean, x) for some in subsets(effects)]
 
+        def shares(total: Array) -> Array:
+            E = total[:-1] / total[-1]
+            excess = max(E[0] - min(1.0, E[0], E[-1]), CAL.least_gap)
+            E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets that lose the vehicle explain nothing
+            return np.asarray(np.append(weights @ E, excess - E[0] + E[-1]) / excess)
 
-def _budget(
-    known: Common,
-    rides: Sequence[FollowedRun],
-    mean: Array,
-    applied: Mapping[int, str],
-    names: tuple[str, ...],
-    held_out: bool,
-) -> Budget | None:
-    """Shares of the applied effects (by index of their number) by Shapley; the rest of the gap is unexplained."""
-    if not applied:
-        return None
-    effects = tuple(applied.values())
-    weights = shapley_weights(effects)
-    means = [np.where([applied.get(k) in some for k in range(len(mean))], mean, known.x) for some in subsets(effects)]
+        sums = self._squares(self.others, *means)
+        low, high = resampled(sums, shares, CAL.draws)
+        result = [Share(name, float(s), float(a), float(b))
+                  for name, s, a, b in zip((*effects, "unexplained"), shares(np.sum(sums, axis=0)), low, high,
+                                           strict=True)]  # fmt: skip
+        return Budget(tuple(result[:-1]), result[-1], self.names[1], held_out)
 
-    def shares(total: Array) -> Array:
-        E = total[:-1] / total[-1]
-        excess = max(E[0] - min(1.0, E[0], E[-1]), CAL.least_gap)
-        E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets that lose the vehicle explain nothing
-        return np.asarray(np.append(weights @ E, excess - E[0] + E[-1]) / excess)
+    def _squares(self, rides: Sequence[FollowedRun], *means: Array) -> Array:
+        """(blocks, means + 1) sums of squared innovations with each of several coordinates, and numbers of readings."""
+        weigher, result = self.known.weigher, list[Array]()
+        ones = np.ones(weigher.noise.channels)
+        for ride in rides:
+            several = weigher.innovations(ride, *means)
+            there = [one for one in several if one is not None]
+            if len(there) < len(several):
+                raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+            squares = [np.sum(weigher.noise.white(one, ones) ** 2, axis=1) for one in there]
+            result.append(np.stack([*squares, np.sum(there[0].there, axis=1)], axis=1))
+        return np.concatenate(result)
 
-    sums = _squares(known, rides, means)
-    low, high = resampled(sums, shares, CAL.draws)
-    result = [Share(name, float(s), float(a), float(b))
-              for name, s, a, b in zip((*effects, "unexplained"), shares(np.sum(sums, axis=0)), low, high,
-                                       strict=True)]  # fmt: skip
-    return Budget(tuple(result[:-1]), result[-1], names, held_out)
-
-
-def _squares(known: Common, rides: Sequence[FollowedRun], means: Sequence[Array]) -> Array:
-    """(blocks, means + 1) sums of squared innovations with each of several coordinates, and numbers of readings."""
-    weigher, result = known.weigher, list[Array]()
-    ones = np.ones(weigher.noise.channels)
-    for ride in rides:
-        several = weigher.innovations(ride, *means)
-        there = [one for one in several if one is not None]
-        if len(there) < len(several):
-            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
-        squares = [np.sum(weigher.noise.white(one, ones) ** 2, axis=1) for one in there]
-        result.append(np.stack([*squares, np.sum(there[0].there, axis=1)], axis=1))
-    return np.concatenate(result)
-
-
-def _model_at(model: MotionModel, effects: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
-    """The model with the vehicle's numbers at coordinates x."""
-    values = values_of(known.numbers, x)
-    result = model
-    for name, effect in effects.items():
-        value, null = within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
-        if name in result.effects:
-            result = result.with_parameters(result[effect.parameter.name].with_value(value))
-        elif abs(value - null) > 1e-9:
-            result = result + effect.at(value)
-    return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
+    def _model_at(self, model: MotionModel, x: Array) -> MotionModel:
+        """The model with the vehicle's numbers at coordinates x."""
+        values = values_of(self.known.numbers, x)
+        result = model
+        for name, effect in self.possible.items():
+            value, null = within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
+            if name in result.effects:
+                result = result.with_parameters(result[effect.parameter.name].with_value(value))
+            elif abs(value - null) > 1e-9:
+                result = result + effect.at(value)
+        return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
 
 
 def within(effect: Effect, value: float) -> float:

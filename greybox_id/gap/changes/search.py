@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -31,31 +30,16 @@ class ChangedSet:
 
     Attributes
     ----------
-    places : of the changes.
-    covariance : prior covariance of all numbers, widened for these.
     explained : the recordings on which sizes are chosen.
     judged : each recording, or half, on which the set is judged, with sizes held.
     shift : (n,) changes beyond scatter, in their coordinates; zero for all others.
     means : prior means with which each of `judged` was explained.
     """
 
-    places: Places
-    covariance: Array
     explained: RunExplained
     judged: tuple[RunExplained, ...]
     shift: Array
     means: tuple[Array, ...]
-
-
-class Promising(NamedTuple):
-    """A change in addition to a set: index of its number, prior covariance of all numbers, widened for the set and this
-    one, where refits begin, and expected gain in log-likelihood.
-    """
-
-    place: int
-    covariance: Array
-    starts: tuple[Array, ...]
-    gain: float
 
 
 @dataclass(frozen=True)
@@ -123,11 +107,11 @@ class ChangeSearch:
         information = np.sum([known.weigher.curve(ride, known.x).H for ride in rides], axis=0)
         self._moved = [k for k in range(len(V)) if k in known.varying or information[k, k] * V[k, k] > CAL.matters]
         self._named = [j for j in known.varying if known.numbers[j].name not in nameless]
-        base = self._explained(rides, V, known.x, known.x)
+        base = self._explained(rides, NONE, known.x, known.x)
         first = base.x if self._halves else known.x
-        judged = tuple(self._explained(judge, V, known.x, first) for judge in self._judges)
+        judged = tuple(self._explained(judge, NONE, known.x, first) for judge in self._judges)
         means = (known.x,) * len(judged)
-        self.sets = {NONE: ChangedSet(NONE, V, base, judged, np.zeros_like(known.x), means)}
+        self.sets = {NONE: ChangedSet(base, judged, np.zeros_like(known.x), means)}
         self._searched()
 
     # ---- what sets gain
@@ -136,7 +120,7 @@ class ChangeSearch:
         """Log evidence that a set gains where it was chosen, and log-likelihood where it was judged."""
         there, none = self.sets[places], self.sets[NONE]
         occam = 0.5 * (
-            _log_det(there.covariance) - _log_det(none.covariance)
+            _log_det(self._prior(places)) - _log_det(self._prior(NONE))
             + _log_det(there.explained.H) - _log_det(none.explained.H)
         )  # fmt: skip
         held_out = sum(alone.cost - one.cost for alone, one in zip(none.judged, there.judged, strict=True))
@@ -161,7 +145,7 @@ class ChangeSearch:
         """A change of a set, beside its others."""
         there, rest = self.sets[places], places - {place}
         gain, held_out = (mine - less for mine, less in zip(self.gains(places), self.gains(rest), strict=True))
-        sd = float(change_sds(there.explained.information, self.sets[rest].covariance)[place])
+        sd = float(change_sds(there.explained.information, self._prior(rest))[place])
         total, beyond = self._in_all(gain, held_out), self._beyond(places, place)
         least = margin(total, gain, held_out, beyond, self.cost)
         return Change((float(there.shift[place]), sd), beyond, total, least)
@@ -224,8 +208,8 @@ class ChangeSearch:
     def _screened(self, places: Places) -> list[int]:
         """Numbers whose change, in addition to a set, is expected to gain something wherever it is judged."""
         there = self.sets[places]
-        s, Q = _scores(there.explained, self.known.x, there.covariance)
-        judged = [_scores(one, mean, self.known.of_a_run) for one, mean in zip(there.judged, there.means, strict=True)]
+        s, Q = _scores(there.explained, self.known.x, self._prior(places))
+        judged = [_scores(one, mean, self._prior(NONE)) for one, mean in zip(there.judged, there.means, strict=True)]
         result = []
         for place in self._named:
             if places | {place} in self.sets:
@@ -243,57 +227,59 @@ class ChangeSearch:
 
     def _grow(self, places: Places, candidates: Sequence[int]) -> None:
         """Refit a set with the most promising ones of further changes."""
-        there = self.sets[places]
-        promising = sorted((self._promising(there, place) for place in candidates), key=lambda item: -item.gain)
-        tried = [item for k, item in enumerate(promising[: CAL.refitted]) if k == 0 or item.gain > CAL.enough]
-        refits = {item.place: self._refitted(self.rides, item.covariance, item.starts) for item in tried}
+        there, promising = self.sets[places], {place: self._promising(places, place) for place in candidates}
+        order = sorted(promising, key=lambda place: -promising[place][0])[: CAL.refitted]
+        refits = {
+            place: self._refitted(self.rides, places | {place}, *promising[place][1])
+            for place in order
+            if place == order[0] or promising[place][0] > CAL.enough
+        }
         if not refits:
             return
         nearest = min(refits.values(), key=lambda one: one.cost)  # both sides of a comparison must have the same starts
-        again = self._refitted(self.rides, there.covariance, [nearest.x])
+        again = self._refitted(self.rides, places, nearest.x)
         if again.cost < there.explained.cost:
-            there = self.sets[places] = replace(there, explained=again)
-            for item in tried:
-                more = self._refitted(self.rides, item.covariance, [again.x])
-                refits[item.place] = min(refits[item.place], more, key=lambda one: one.cost)
-        for item in tried:
-            self._judge(places | {item.place}, item.covariance, refits[item.place], places)
+            self.sets[places] = replace(there, explained=again)
+            for place, refit in refits.items():
+                more = self._refitted(self.rides, places | {place}, again.x)
+                refits[place] = min(refit, more, key=lambda one: one.cost)
+        for place, refit in refits.items():
+            self._judge(places | {place}, refit, places)
 
     def _shrink(self, places: Places, place: int) -> None:
         """Refit a set without one of its changes."""
-        there, covariance = self.sets[places], self._widened(places - {place})
+        there, rest = self.sets[places], places - {place}
         x = there.explained.x
-        rest = self._refitted(self.rides, covariance, [x, x - there.shift * (np.arange(len(x)) == place)])
-        self._judge(places - {place}, covariance, rest, places)
+        refit = self._refitted(self.rides, rest, x, x - there.shift * (np.arange(len(x)) == place))
+        self._judge(rest, refit, places)
 
-    def _judge(self, places: Places, covariance: Array, refit: RunExplained, beside: Places) -> None:
+    def _judge(self, places: Places, refit: RunExplained, beside: Places) -> None:
         """Explain the recordings that judge a set, from where they are with a similar one, which may gain by it."""
-        shift = self._shift(covariance, refit)
+        shift, other = self._shift(places, refit), self.sets[beside]
         shifts = [shift] * len(self._judges)
         if not self.apart:
-            parts = [self._refitted(half, covariance, [refit.x]) for half in reversed(self._halves)]
-            shifts = [self._shift(covariance, part) for part in parts]
-        other, V = self.sets[beside], self.known.of_a_run
+            shifts = [self._shift(places, self._refitted(half, places, refit.x)) for half in reversed(self._halves)]
         judged, means, improved = list[RunExplained](), list[Array](), list[RunExplained]()
         for judge, alone, before, by in zip(self._judges, other.judged, other.means, shifts, strict=True):
             mean = self.known.x + by
-            there = self._explained(judge, V, mean, alone.x + mean - before)
+            there = self._explained(judge, NONE, mean, alone.x + mean - before)
             if there.cost > alone.cost:  # either may be in a local optimum
-                there = min(there, self._explained(judge, V, mean, alone.x), key=lambda one: one.cost)
+                there = min(there, self._explained(judge, NONE, mean, alone.x), key=lambda one: one.cost)
             elif alone.cost - there.cost > CAL.cost_held_out:
-                alone = min(alone, self._explained(judge, V, before, there.x), key=lambda one: one.cost)
+                alone = min(alone, self._explained(judge, NONE, before, there.x), key=lambda one: one.cost)
             judged.append(there)
             means.append(mean)
             improved.append(alone)
         self.sets[beside] = replace(other, judged=tuple(improved))
-        self.sets[places] = ChangedSet(places, covariance, refit, tuple(judged), shift, tuple(means))
+        self.sets[places] = ChangedSet(refit, tuple(judged), shift, tuple(means))
 
-    def _promising(self, there: ChangedSet, place: int) -> Promising:
-        """A further change's expected gain, by a Gauss-Newton step from the set's optimum and magnitudes tried."""
-        known, base = self.known, there.explained
-        number = known.numbers[place]
-        wide = self._widened(there.places | {place})
-        precision = np.linalg.inv(wide)
+    def _promising(self, places: Places, place: int) -> tuple[float, tuple[Array, ...]]:
+        """Log-likelihood that a change is expected to gain in addition to a set, and where its refit begins.
+
+        By a Gauss-Newton step from the set's optimum, and magnitudes that are tried.
+        """
+        known, there, number = self.known, self.sets[places], self.known.numbers[place]
+        base, precision = there.explained, np.linalg.inv(self._prior(places | {place}))
         g = base.pull + precision @ (base.x - known.x)
         tried = [base.x, base.x - np.linalg.solve(base.information + precision, g)]
         for others in (base.x, known.x + there.shift):  # in the base, other numbers may have absorbed the change
@@ -306,24 +292,25 @@ class ChangeSearch:
         costs += np.sum([known.weigher.costs(ride, tried) for ride in self.rides], axis=0)
         best = int(np.argmin(costs))
         starts = (tried[best],) if best < 2 else (tried[best], base.x)
-        return Promising(place, wide, starts, base.cost - float(costs[best]))
+        return base.cost - float(costs[best]), starts
 
-    def _widened(self, places: Places) -> Array:
+    def _prior(self, places: Places) -> Array:
+        """(n, n) prior covariance of all numbers of a run, widened for a set of changes."""
         V = self.known.of_a_run.copy()
         for place in places:
             V[place, place] += self.known.numbers[place].change ** 2
         return V
 
-    def _shift(self, covariance: Array, refit: RunExplained) -> Array:
+    def _shift(self, places: Places, refit: RunExplained) -> Array:
         """(n,) changes beyond scatter: parts of deviations that are due to the widening of priors."""
-        widened = covariance - self.known.of_a_run
-        return np.asarray(widened @ np.linalg.solve(covariance, refit.x - self.known.x))
+        covariance = self._prior(places)
+        return np.asarray((covariance - self._prior(NONE)) @ np.linalg.solve(covariance, refit.x - self.known.x))
 
-    def _refitted(self, rides: Sequence[FollowedRun], covariance: Array, starts: Sequence[Array]) -> RunExplained:
-        return min((self._explained(rides, covariance, self.known.x, x) for x in starts), key=lambda one: one.cost)
+    def _refitted(self, rides: Sequence[FollowedRun], places: Places, *starts: Array) -> RunExplained:
+        return min((self._explained(rides, places, self.known.x, x) for x in starts), key=lambda one: one.cost)
 
-    def _explained(self, rides: Sequence[FollowedRun], covariance: Array, mean: Array, start: Array) -> RunExplained:
-        return explained(self.known.weigher, rides, start, mean, covariance, self._moved)
+    def _explained(self, rides: Sequence[FollowedRun], places: Places, mean: Array, start: Array) -> RunExplained:
+        return explained(self.known.weigher, rides, start, mean, self._prior(places), self._moved)
 
 
 def _scores(there: RunExplained, mean: Array, covariance: Array) -> tuple[Array, Array]:
