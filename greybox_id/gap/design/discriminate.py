@@ -27,11 +27,10 @@ from ..estimation.axes import scalars
 from ..estimation.model_error import Amplitudes, amplitude_prior
 from ..gap import Gap
 from .course import PlannedMotion
-from .information import FARTHEST, ROUGH_RATE
 from .plan import Design, Separation
-from .scatter import ExpectedErrors, Rough
+from .scatter import ROUGH_RATE, ExpectedErrors, Rough
 from .search import FoundPlan, PlanSearch
-from .task import DesignTask
+from .task import FARTHEST, DesignTask
 
 ENOUGH = 12.0
 """Separation, in nats, at which explanations count as distinguished: the wrong one has a posterior probability of 6e-6,
@@ -131,8 +130,7 @@ def discriminating(
         why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
         return _nothing("discriminate", model, design_task, why, impossible)
     chosen = known[:MOST_RIVALS]
-    joint = _joint(gap, model, effects, chosen)
-    rivals = _Rivals(gap, [_rival(gap, joint, effects[name]) for name in chosen], design_task)
+    rivals = _Rivals(gap, _explanations(gap, model, effects, chosen), design_task)
     found_plan, separation = rivals.separated(say)
     impossible += [
         f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
@@ -185,8 +183,7 @@ def detecting(
         why = "There is nothing to detect: at their usual sizes, all effects would have shown."
         return _nothing("detect", model, design_task, why)
     chosen = target[:MOST_RIVALS]
-    joint = _joint(gap, model, effects, chosen)
-    shown = [_rival(gap, joint, effects[name], typical=True) for name in chosen]
+    shown = _explanations(gap, model, effects, chosen, typical=True)
     rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
     found_plan, separation = rivals.separated(say)
     impossible = [
@@ -347,28 +344,33 @@ class _Rivals:
         return Recording("plan", time, commands | dict(zip(self.read, y.T, strict=True)))
 
 
-def _joint(gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str]) -> MotionModel:
-    """The model with these effects at their null, and the other applied effects at their magnitudes."""
-    magnitude = {item.effect: item.magnitude for item in gap.ranking}
+def _explanations(
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], *, typical: bool = False
+) -> list[Rival]:
+    """Each of some effects at its magnitude, or its usual one: all others of them are at their null.
+
+    Further effects that a diagnosis applied are at their magnitudes.
+    """
+    ranked = {item.effect: item for item in gap.ranking}
     for other in gap.applied:
-        if other not in names and other in effects and other not in model.effects and other in magnitude:
-            model = model + effects[other].at(magnitude[other])
+        if other not in names and other in effects and other not in model.effects and other in ranked:
+            model = model + effects[other].at(ranked[other].magnitude)
     for name in names:
         if name not in model.effects:
             model = model + effects[name].at(float(effects[name].parameter.array))
-    held = [replace(p, fixed=True) for p in model.parameters if not p.fixed and p.prior is None]
-    return model.with_parameters(*held)
-
-
-def _rival(gap: Gap, joint: MotionModel, effect: Effect, *, typical: bool = False) -> Rival:
-    """The model with one of the effects at its magnitude, free."""
-    name, size, sd = effect.parameter.name, effect.typical, 0.0
-    for item in gap.ranking:
-        if item.effect == name and not typical:
+    model = model.with_parameters(
+        *(replace(p, fixed=True) for p in model.parameters if not p.fixed and p.prior is None)
+    )
+    result = []
+    for name in names:
+        effect, item, sd = effects[name], ranked.get(name), 0.0
+        size = effect.typical
+        if item is not None and not typical:
             size, sd = item.magnitude, (item.interval[1] - item.interval[0]) / (2.0 * NORMAL_95)
-    size = float(np.clip(size, *effect.parameter.bounds))
-    parameter = replace(joint[name], value=np.asarray(size), fixed=False, prior=None)
-    return Rival(name, joint.with_parameters(parameter), sd if isfinite(sd) else 0.0)
+        value = np.clip(size, *effect.parameter.bounds)
+        free = replace(model[effect.parameter.name], value=np.asarray(value), fixed=False, prior=None)
+        result.append(Rival(free.name, model.with_parameters(free), sd if isfinite(sd) else 0.0))
+    return result
 
 
 def _without(rival: Rival) -> Rival:

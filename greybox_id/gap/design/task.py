@@ -17,6 +17,8 @@ from .primitives import Handling
 
 NEEDED = 0.95
 """Share of the draws of what is uncertain that must keep to the limits."""
+FARTHEST = 2.5
+"""Draws of what is uncertain are cut at so many standard deviations."""
 SHORTEST, LONGEST = 2.0, 300.0
 """Durations of plans, s."""
 MOST_ROWS = 12_000

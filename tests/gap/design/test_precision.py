@@ -9,9 +9,16 @@ from greybox_id.base.errors import BadInput
 from greybox_id.gap.design.cma import CMA
 from greybox_id.gap.design.course import AT, PlanCourse, strain, worst_strain
 from greybox_id.gap.design.driver import driver_of, vehicle_of
-from greybox_id.gap.design.information import Information, criterion, draws, known_by, predicted_sd
 from greybox_id.gap.design.limits import DriveLimits
-from greybox_id.gap.design.precision import _exact, _hardly
+from greybox_id.gap.design.precision import (
+    Information,
+    _exact,
+    _hardly,
+    criterion,
+    draws,
+    known_by,
+    predicted_sd,
+)
 from greybox_id.gap.design.primitives import SHAPES, Phase, chained
 from greybox_id.gap.design.search import BEYOND
 from greybox_id.models.registry import build
