@@ -209,15 +209,14 @@ def _placed(begun: _Begun) -> _Begun:
 
 def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
     """The hypothesis with its effect beginning or ending `by` rows later; None where that is too near to an end."""
-    begins, *others = reversed(begun.hypothesis.candidates)
-    assert begins.part is not None
-    old = begins.part.rows
+    *others, begins = begun.hypothesis.candidates
+    old = _acting_rows(begun.hypothesis)
     edge = (old.start or old.stop) + by
     if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
         return None
     acting, candidate = _acting(begun.search, begins, slice(edge, rows) if old.start else slice(0, edge))
-    candidates = (*reversed(others), candidate)
-    result = refit(acting, [replace(begun.search.start_of(begun.hypothesis), candidates=candidates)])
+    start = replace(begun.search.start_of(begun.hypothesis), candidates=(*others, candidate))
+    result = refit(acting, [start])
     return _Begun(acting, result[0]) if result else None
 
 
@@ -241,12 +240,11 @@ def _weighed(
     starts = [Start(each.candidates, each.m, hypothesis.theta, hypothesis.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
     bases, tried = [each for each in again if not each.names], {frozenset(hypothesis.names): hypothesis}
-    places = hypothesis.candidates[-1].part
-    assert places is not None
-    others = [(hypothesis.candidates[-1:], hypothesis.m[hypothesis.parts[-1][1]], places.rows)]
-    others += [
-        (each.hypothesis.candidates, each.hypothesis.m, at) for each in result for at in _rows(each.hypothesis, places)
-    ]
+    here = _acting_rows(hypothesis)
+    others = [(hypothesis.candidates[-1:], hypothesis.m[hypothesis.parts[-1][1]], here)]
+    for each in (begun.hypothesis for begun in result):
+        there = _acting_rows(each)
+        others += [(each.candidates, each.m, rows) for rows in ([there] if there == here else [there, here])]
     for candidates, m, rows in others:
         if (names := frozenset(each.effect for each in candidates)) == frozenset(hypothesis.names):
             continue
@@ -264,11 +262,11 @@ def _weighed(
     return replace(selection, search=as_it_acts(search, first), base=base, tried=best_first)
 
 
-def _rows(hypothesis: Hypothesis, other: ActingRows) -> list[slice]:
-    """Rows in which a hypothesis' effect acts that begins or ends, and those in which another one does."""
+def _acting_rows(hypothesis: Hypothesis) -> slice:
+    """Rows in which a hypothesis' last effect acts, which begins or ends."""
     part = hypothesis.candidates[-1].part
     assert part is not None
-    return [part.rows, *([other.rows] if other.rows != part.rows else [])]
+    return part.rows
 
 
 def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:

@@ -87,14 +87,16 @@ def budget(
     excess, floor = excess_and_floor(E)
     if excess <= CAL.least_gap:
         return None
-    low, high = resampled(sums, shares, CAL.draws)
-    result = [
-        Share(name, float(s), float(a), float(b))
-        for name, s, a, b in zip((*names, "unexplained", *names), shares(whole), low, high, strict=True)
-    ]
-    n = len(names)
+    n, result = len(names), with_intervals((*names, "unexplained", *names), sums, shares)
     shows = bool(max(E[0], E[-1]) - floor >= CAL.shows)
     return Budget(tuple(result[:n]), result[n], recordings, held_out, shows, tuple(result[n + 1 :]))
+
+
+def with_intervals(names: Sequence[str], sums: Array, shares: Callable[[Array], Array]) -> list[Share]:
+    """Shares by total sums, with their intervals by the block bootstrap of (blocks, columns) sums."""
+    low, high = resampled(sums, shares, CAL.draws)
+    each = zip(names, shares(np.sum(sums, axis=0)).tolist(), low.tolist(), high.tolist(), strict=True)
+    return [Share(*item) for item in each]
 
 
 def shapley_weights(names: tuple[str, ...]) -> Array:

@@ -200,7 +200,9 @@ def by_plain_errors(selection: Selection, sd: Array, good: Mask) -> Selection:
     """
     noise = selection.search.whitener
     assert isinstance(noise, AutoregressiveNoise)  # maps with memory know no forces
-    weight = 0.5 / (sd**2 * _rows_per_reading(noise))
+    slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(noise.sd, noise.ar, strict=True)])
+    rows = np.maximum((slow / noise.stationary_sd) ** 2, 1.0)  # with as much information as one independent reading
+    weight = 0.5 / (sd**2 * rows)
     base = selection.base
 
     def cost(hypothesis: Hypothesis) -> float:
@@ -209,9 +211,3 @@ def by_plain_errors(selection: Selection, sd: Array, good: Mask) -> Selection:
 
     tried = sorted((replace(item, cost=cost(item)) for item in selection.tried), key=lambda item: item.cost)
     return replace(selection, tried=tuple(tried))
-
-
-def _rows_per_reading(noise: AutoregressiveNoise) -> Array:
-    """(channels,) number of rows with as much information as one independent reading."""
-    slow = np.array([s / max(abs(1.0 - float(np.sum(a))), 1e-3) for s, a in zip(noise.sd, noise.ar, strict=True)])
-    return np.asarray(np.maximum((slow / noise.stationary_sd) ** 2, 1.0))

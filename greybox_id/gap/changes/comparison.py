@@ -16,10 +16,10 @@ from ...base.shorthands import Array
 from ...base.statistics import resampled
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
-from ..budget import shapley_weights
+from ..budget import shapley_weights, with_intervals
 from ..estimation.calibration import CAL
 from ..estimation.free_runs import subsets
-from ..gap import Budget, CauseClass, Closure, Gap, Ranked, Share, Where
+from ..gap import Budget, CauseClass, Closure, Gap, Ranked, Where
 from .between_runs import Common, values_of
 from .columns import ByColumns
 from .innovations import FollowedRun
@@ -235,12 +235,8 @@ class ChangeComparison:
             E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # sets that lose the vehicle explain nothing
             return np.asarray(np.append(weights @ E, excess - E[0] + E[-1]) / excess)
 
-        sums = self._squares(self.others, *means)
-        low, high = resampled(sums, shares, CAL.draws)
-        result = [Share(name, float(s), float(a), float(b))
-                  for name, s, a, b in zip((*effects, "unexplained"), shares(np.sum(sums, axis=0)), low, high,
-                                           strict=True)]  # fmt: skip
-        return Budget(tuple(result[:-1]), result[-1], self.names[1], held_out)
+        *result, rest = with_intervals((*effects, "unexplained"), self._squares(self.others, *means), shares)
+        return Budget(tuple(result), rest, self.names[1], held_out)
 
     def _squares(self, rides: Sequence[FollowedRun], *means: Array) -> Array:
         """(blocks, means + 1) sums of squared innovations with each of several coordinates, and numbers of readings."""

@@ -28,7 +28,7 @@ from ...models.vehicle import Vehicle
 from ..estimation.calibration import CAL
 from ..gap import Gap
 from .between_runs import Common, change_sds, values_of
-from .columns import ByColumns, steering_changes
+from .columns import steering_changes
 from .comparison import ChangeComparison, within
 from .innovations import FollowedRun, Follower
 from .search import ChangeSearch
@@ -167,7 +167,9 @@ def diagnose_change(
         tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed * (1.0 if driven else CAL.elsewhere)
-        direct = by_place(known, possible, steering_changes([*after, *held_out], since))
+        places = {number.name: place for place, number in enumerate(known.numbers)}
+        by_columns = [one for one in steering_changes([*after, *held_out], since) if one.effect in possible]
+        direct = {places[possible[one.effect].parameter.name]: one for one in by_columns}
         moved = known.x.copy()
         for place, one in direct.items():  # other changes are estimated beside those that two columns show
             moved[place] += one.shift
@@ -321,13 +323,6 @@ def _sds(
         sd = float(np.hypot(np.sqrt(alone), known.scatter[place]))
         result[effects[number.name]] = sd if sd < number.change else inf
     return result
-
-
-def by_place(known: Common, possible: Mapping[str, Effect], columns: Sequence[ByColumns]) -> dict[int, ByColumns]:
-    """Changes that two columns show, by the index of their number."""
-    places = {number.name: place for place, number in enumerate(known.numbers)}
-    return {places[possible[one.effect].parameter.name]: one for one in columns
-            if one.effect in possible and possible[one.effect].parameter.name in places}  # fmt: skip
 
 
 def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:

@@ -136,7 +136,9 @@ class PlanSearch:
             if not inside:
                 raise self._no_room(gentlest)
         scored = sorted(self._scored(inside, rough=True), key=lambda item: -item.worth)
-        refined = self._refined(_best_by_length(scored)[:REFINED])
+        by_length = {len(item.phases): item for item in reversed(scored)}  # the best one of each
+        longer_first = [by_length[count] for count in sorted(by_length, reverse=True)]  # shorter ones are special cases
+        refined = self._refined(longer_first[:REFINED])
         tried = sorted([*refined, *scored[:SURE]], key=lambda item: -item.worth)
         kept, most = list[FoundPlan](), -np.inf
         for item in tried:
@@ -402,14 +404,6 @@ class PlanSearch:
                 )
             )  # fmt: skip
         return tuple(phases), self.task.duration * float(np.clip(x[-1] / 3.0, 0.25, 1.0))
-
-
-def _best_by_length(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
-    """The best chain of each number of phases, longer ones first: these include the shorter ones as special cases."""
-    best: dict[int, FoundPlan] = {}
-    for item in scored:
-        best.setdefault(len(item.phases), item)
-    return [best[count] for count in sorted(best, reverse=True)]
 
 
 class _Refinement:
