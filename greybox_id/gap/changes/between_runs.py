@@ -168,7 +168,8 @@ def common(
     if start is not None:
         u = np.concatenate([start.x, (start.x + start.deviations)[:, varying].ravel()])
         scatter = start.scatter[varying]
-    beyond_vehicle = np.hstack([np.tile(-np.eye(n)[varying], (runs, 1)), np.eye(runs * m)])
+    among_all = np.eye(n)[varying]
+    beyond_vehicle = np.hstack([np.tile(-among_all, (runs, 1)), np.eye(runs * m)])
     places = [np.arange(n) for _ in range(runs)]
     for k, at in enumerate(places):
         at[varying] = np.arange(n + k * m, n + (k + 1) * m)
@@ -220,11 +221,11 @@ def common(
         scatter = np.where(learned, np.sqrt(usual_squares / (counted + runs)), prior)
         if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
             break
-    full, deviations, sds = np.zeros(n), np.zeros((runs, n)), np.zeros((runs, n))
-    full[varying] = scatter
-    deviations[:, varying] = (beyond_vehicle @ u).reshape(runs, m)
-    sds[:, varying] = np.sqrt(np.diag(beyond_vehicle @ everything @ beyond_vehicle.T)).reshape(runs, m)
-    return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
+    spread = np.sqrt(np.diag(beyond_vehicle @ everything @ beyond_vehicle.T))
+    deviations, sds = (each.reshape(runs, m) @ among_all for each in (beyond_vehicle @ u, spread))
+    return Common(
+        numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], scatter @ among_all, deviations, sds, weigher
+    )  # fmt: skip
 
 
 def _shrunk(prior: Array, prior_runs: Array, factor: float, squares: Array, runs: int) -> tuple[float, Array]:

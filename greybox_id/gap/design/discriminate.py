@@ -215,9 +215,9 @@ class _Rivals:
         self.errors = ExpectedErrors(first, amplitudes)
         names = [rival.name for rival in rivals]
         self.held = [Rough(rival.model, names) for rival in rivals]  # other delays fixed: readings jump at rows
-        self.simulators = [Simulator(item.model) for item in self.held]
-        for simulator in self.simulators:
-            simulator.kernel.prepare()
+        simulator = Simulator(self.held[0].model)
+        simulator.kernel.prepare()
+        self.simulators = [simulator.of(item.model) for item in self.held]
         self.shared = np.array([p.name not in names for p in first.parameters for _ in range(p.size)])
         count = len(rivals)
         self.search = PlanSearch(

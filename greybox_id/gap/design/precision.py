@@ -188,9 +188,9 @@ class Information:
         without_priors = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
         blank = self.model.with_parameters(*without_priors)
         self.rough = Rough(blank, target)
-        self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
+        self.simulator = Simulator(blank)
         self.simulator.kernel.prepare()
-        self.rough_simulator.kernel.prepare()
+        self.rough_simulator = self.simulator.of(self.rough.model)
         self.errors = ExpectedErrors(self.model, amplitude_prior(self.noise, True, False, {}).median)
 
     def of(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Array]:
