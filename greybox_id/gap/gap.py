@@ -14,15 +14,6 @@ from .estimation.strip import Strip
 from .estimation.varying import MagnitudeCourse
 from .estimation.wandering import Wander
 
-CHANNELS = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
-"""Channels that a diagnosis examines, in this order."""
-
-REGIMES = (
-    *("any", "straight", "lateral", "high_lateral", "transient", "acceleration", "braking", "combined", "high_speed"),
-    "time_drift",
-)
-"""Driving regimes in which a gap may lie."""
-
 
 @dataclass(frozen=True)
 class Where:
@@ -30,8 +21,8 @@ class Where:
 
     Attributes
     ----------
-    channel : the channel that deviates most; one of `CHANNELS`, "" where there is no gap.
-    regime : the regime that holds more than its share of the gap; one of `REGIMES`.
+    channel : the channel that deviates most; "" where there is no gap.
+    regime : the regime that holds more than its share of the gap, one of `regimes.regimes`; "any" where none does.
     equations : part of the equations ("steering", "F_y", "sensors" ...) -> its share of the log-likelihood to be
         gained.
     time : "from", "to" [s]: the shortest stretch that holds half of the gap; "share": of the recording's duration.

@@ -21,13 +21,13 @@ from greybox_id.gap.diagnosis import _ranking_keys, diagnose
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import amplitude_prior
-from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
+from greybox_id.gap.gap import Budget, Ranked, Share, Unnamed
 from greybox_id.gap.judging import _beside_unknown, _strains, may_vary, misnamed_probability, unnamed_probability
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Vehicle
-from greybox_id.reports.gap.words import whether
+from greybox_id.reports.gap.words import REGIMES, whether
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),
                            "c_0": Stated(208.0, 20.0)}, {"steering_ratio": Stated(sd=0.01)}, NOISE)  # fmt: skip
@@ -441,7 +441,7 @@ def test_the_picture_covers_the_lap(delayed):
     assert np.sum(strip.map["time"]) == pytest.approx(1.0, abs=0.01)
     np.testing.assert_array_equal(strip.map["time"] > 0, np.isfinite(strip.map["gap"]))
     assert np.mean(strip.before) > 2 * np.mean(strip.after)
-    assert set(strip.spectrum_before) == set(CHANNELS)
+    assert set(strip.spectrum_before) == set(NOISE)
 
 
 def test_an_answer_is_plain_data(delayed, clean):
@@ -452,7 +452,7 @@ def test_an_answer_is_plain_data(delayed, clean):
             "gap", "held_out", "not_excited", "absorbed", "advice", "doubts",
         }  # fmt: skip
         assert set(body["where"]) >= {"channel", "regime", "equations", "time", "channels", "regimes"}
-        assert body["where"]["channel"] in (*CHANNELS, "")
+        assert body["where"]["channel"] in (*NOISE, "")
         assert body["where"]["regime"] in REGIMES
         assert set(body["gap"]) >= {"before", "after", "floor", "closed", "closed_interval", "recordings", "errors"}
         assert 0 < len(body["ranking"]) <= 8

@@ -5,10 +5,10 @@ import pytest
 from gap_cases import GivenBench, candidate
 
 from greybox_id.gap.estimation.strip import running
-from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where
 from greybox_id.gap.selection import ExpectedGain
 from greybox_id.models.effects import EFFECTS
+from greybox_id.reports.gap.words import REGIMES
 
 ROWS = 3000
 TIME = 0.02 * np.arange(ROWS)
