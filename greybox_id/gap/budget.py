@@ -123,11 +123,8 @@ def shared_out(
     if len(names) <= CAL.few:
         return refits.budget(refits.refitted(subsets(names)))
     whole = frozenset(names)
-    known = refits.refitted([frozenset(), whole])
-    shared = refits.budget(refits.to_first_order(known))
-    if shared is None:
-        return None
-    unsure = [share.effect for share in shared.beside if share.low < _least_share(shared)]
+    shared = refits.budget(refits.to_first_order(refits.refitted([frozenset(), whole])))
+    unsure = [share.effect for share in shared.beside if share.low < _least_share(shared)] if shared is not None else []
     if not unsure:
         return shared
     return refits.budget(refits.to_first_order(refits.refitted([frozenset(), *(whole - {k} for k in unsure), whole])))

@@ -71,16 +71,14 @@ def _mean(several: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 def _steering(recording: Recording) -> Mapping[str, tuple[float, float]]:
     """Effect -> estimate and its standard deviation; nothing where the steering hardly moves."""
-    measured, whole = recording[MEASURED], np.arange(len(recording))
+    measured, part = recording[MEASURED], np.arange(len(recording)) * BLOCKS // len(recording)
     sums = np.zeros((BLOCKS, len(LAGS), 6))
     for k, lag in enumerate(LAGS):
         late = np.full(len(recording), np.nan)
         for start, stop in recording.runs:
             at = recording.time[start:stop]
-            late[start:stop] = np.interp(at - lag, at, recording["steer"][start:stop])
-            late[start:stop][(at - lag < at[0]) | (at - lag > at[-1])] = np.nan
+            late[start:stop] = np.interp(at - lag, at, recording["steer"][start:stop], left=np.nan, right=np.nan)
         there = np.isfinite(late) & np.isfinite(measured)
-        part = whole * BLOCKS // len(recording)
         c, m = np.where(there, late, 0.0), np.where(there, measured, 0.0)
         for column, values in enumerate((there * 1.0, c, m, c * c, c * m, m * m)):
             sums[:, k, column] = np.bincount(part, weights=values, minlength=BLOCKS)

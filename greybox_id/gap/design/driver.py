@@ -106,9 +106,7 @@ def driver_of(model: MotionModel, limits: DriveLimits) -> PlanDriver:
 def vehicle_of(model: MotionModel) -> Handling:
     """Wheelbase, understeer gradient and grip of a model of equations of motion.
 
-    Raises
-    ------
-    BadInput : the model's speed is no state, or its tyres have no peak: it cannot predict manoeuvres.
+    Raises `BadInput` where its speed is no state, or its tyres have no peak: it cannot predict manoeuvres.
     """
     states = {state.name for state in model.states}
     lacking = sorted({"v_x", "v_y", "yaw_rate"} - states)
@@ -158,10 +156,8 @@ def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
         Parameter(parameter, "1", getattr(driver, name), fixed=True, about=f"{name} of the driver")
         for name, parameter in numbers.items()
     ]
-    units = (("x", "m"), ("y", "m"), ("yaw", "rad"))
-    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(
-        follows, *driver_numbers
-    )
+    position = (State("x", "m"), State("y", "m"), State("yaw", "rad"))
+    added = model.with_states(places, *position).with_parameters(follows, *driver_numbers)
     return replace(
         added,
         inputs=(*added.inputs, *PLANNED),

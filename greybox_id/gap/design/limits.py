@@ -91,12 +91,7 @@ def usual_limits(model: MotionModel, room: tuple[float, float]) -> DriveLimits:
 
 
 def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> DriveLimits:
-    """Limits with some of them stated.
-
-    Raises
-    ------
-    BadInput : one of them is unknown or no number that can be meant.
-    """
+    """Limits with some of them stated. Raises `BadInput` where one is unknown or no number that can be meant."""
     result: dict[str, float] = {}
     for name, value in more.items():
         if name not in RANGE:

@@ -122,12 +122,7 @@ class Known:
 
 
 def known_by(fit: Fit) -> Known:
-    """The information of a fit.
-
-    Raises
-    ------
-    BadInput : it holds no covariance, or none of its numbers is free.
-    """
+    """The information of a fit. Raises `BadInput` where it holds no covariance, or none of its numbers is free."""
     model = must_be(MotionModel, fit.model)
     if fit.covariance is None:
         raise BadInput("The fit has no covariance, and a manoeuvre is designed from it. Fit again.")
@@ -147,9 +142,7 @@ def known_by(fit: Fit) -> Known:
 def target_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
     """The parameters whose precision counts: the named ones, else all free ones that new runs share.
 
-    Raises
-    ------
-    BadInput : one of them is not a free number of the fit.
+    Raises `BadInput` where one of them is not a free number of the fit.
     """
     for name in names:
         if name not in known.names:
