@@ -69,7 +69,7 @@ def with_beginnings(
 def _part_candidates(
     search: Search, parent: Hypothesis, candidates: Sequence[Candidate], cost: Costs, least: float
 ) -> list[tuple[Candidate, slice, Array]]:
-    """Effects that may gain most by acting in part of the rows only, the rows, and coordinates to first order.
+    """Effects that may gain enough by acting in part of the rows only, with rows and coordinates; best first.
 
     Second parameters are as stated: in other forms, which resemble tolerances of tyres more, they gain on vehicles
     without a gap, too.
