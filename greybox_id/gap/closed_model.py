@@ -53,7 +53,7 @@ def closed_model(
     ways, fitted = [(added, simulator)], list[tuple[MotionModel, Simulator]]()
     if detected or _errs_as_stated(examined):
         moved = _moved_along(examined, best, added)
-        fitted = _fitted(examined, best, moved, _counted(examined, best)) if detected else []
+        fitted = _fitted(examined, best, moved) if detected else []
         ways += [(moved, simulator), *fitted]
     judges = list(held_out) or excerpt(_as_they_end(examined, best))
     errors = list[tuple[Errors, ...]]()
@@ -66,7 +66,7 @@ def closed_model(
 
         errors = err(ways)
         if fitted and _least(errors) == 0:  # fits began where simulations need unknown forces
-            again = _fitted(examined, best, added, _counted(examined, best))
+            again = _fitted(examined, best, added)
             ways, errors = [*ways, *again], [*errors, *err(again)]
     least = _least(errors)
     closed = ways[least][0]
@@ -149,18 +149,11 @@ def _moved_along(examined: Examined, best: Hypothesis, closed: Diagnosed) -> Dia
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(
-    examined: Examined, best: Hypothesis, begin: Diagnosed, noise: Array
-) -> list[tuple[MotionModel, Simulator]]:
-    """The closed model fitted to free runs: its tolerances, or these and the causes' magnitudes; with simulators.
+def _fitted(examined: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[MotionModel, Simulator]]:
+    """A closed model fitted to free runs: its tolerances, or these and the causes' magnitudes; with simulators.
 
     Magnitudes were estimated beside unknown forces and with linearised tolerances: where a vehicle's file is far off,
     all parameters must move together.
-
-    Parameters
-    ----------
-    begin : the closed model where fits begin.
-    noise : (outputs,) sd with which readings are weighed.
     """
     if not isinstance(begin, MotionModel):
         return []
@@ -175,7 +168,8 @@ def _fitted(
         return []
     simulator = Simulator(with_prior)
     simulator.kernel.prepare()
-    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(examined, best)))
+    noise, recordings = _counted(examined, best), excerpt(thinned(_as_they_end(examined, best)))
+    ended = list[tuple[MotionModel, Simulator]]()
     for way in ways:
         problem = MotionProblem(simulator.of(way), recordings, noise=noise, robust=CAL.far_reading, about=way.values)
         solution = gauss_newton(problem, problem.unknowns(way.values), tolerance=ROUGH, search="levenberg_marquardt")

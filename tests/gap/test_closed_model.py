@@ -101,9 +101,11 @@ def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
         closing, "gauss_newton", lambda *args, **how: replace(solve(*args, **how), status=Status.INTERRUPTED)
     )
     model = nominal(vehicle=LOOSE)
-    found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)])
+    e = np.zeros((1, len(model.outputs)))
+    found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)], good=e > 0,
+                            at_its_best=lambda best: SimpleNamespace(e=e))  # fmt: skip
     with pytest.raises(KeyboardInterrupt):
-        _fitted(found, SimpleNamespace(axes=(), candidates=()), model, np.ones(len(model.outputs)))
+        _fitted(found, SimpleNamespace(axes=(), candidates=()), model)
 
 
 def test_where_an_effect_begins_is_found_whatever_recordings_are_called():
