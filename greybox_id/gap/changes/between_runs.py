@@ -163,6 +163,7 @@ def common(
     prior = np.array([usual[numbers[k].name] for k in varying])
     scatter, runs_of = prior.copy(), np.array([prior_runs[numbers[k].name] for k in varying])
     learned = np.isfinite(runs_of)
+    counted = np.where(learned, runs_of, 1.0)
     mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
     u = middle = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
@@ -194,8 +195,11 @@ def common(
     def common_factor(informed: Array, pull: Array) -> float:
         """The vehicle's factor, squared: by differences between runs alone, which are linear in what recordings inform.
 
-        It is one where these do not distinguish it from that.
+        Each square has a scaled inverse chi-squared prior about the usual one (Smyth, Stat. Appl. Genet. Mol. Biol. 3,
+        2004), times a factor that all numbers of a vehicle share, with a gamma prior about one: if runs agree in every
+        number, this says more than each number by itself. It is one where recordings do not distinguish it from that.
         """
+        expected, several = counted * prior**2, float(np.max(counted[learned]))
         apart = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
         factor, scatter, evidence = 1.0, prior, list[float]()
         for _ in range(CAL.steps_of_scatter):
@@ -203,7 +207,10 @@ def common(
             covariance, r = np.asarray(np.linalg.inv(informed + P), dtype=float), pull + P @ middle
             evidence.append(0.5 * float(r @ covariance @ r - middle @ P @ middle))
             evidence[-1] -= 0.5 * float(np.linalg.slogdet(informed + P)[1]) - 0.5 * float(np.linalg.slogdet(P)[1])
-            factor, scatter = _shrunk(prior, runs_of, factor, squares(apart, covariance @ r, covariance), runs)
+            found, degrees = squares(apart, covariance @ r, covariance), counted + runs - 1
+            each = expected * degrees / (expected * factor + found)
+            factor = (float(np.sum(counted[learned])) + several) / (float(np.sum(each[learned])) + several)
+            scatter = np.where(learned, np.sqrt((expected * factor + found) / degrees), prior)
             if np.all(np.abs(scatter - before) < CAL.settled_scatter**2 * before):
                 break
         return factor if evidence[-1] - evidence[0] > CAL.alike else 1.0
@@ -216,7 +223,6 @@ def common(
         if runs > 1 and np.any(learned):
             informed = last.H - P  # by the recordings, to second order
             factor = common_factor(informed, informed @ u - last.g + P @ (u - middle))
-        counted = np.where(learned, runs_of, 1.0)
         usual_squares = counted * factor * prior**2 + squares(beyond_vehicle, u, everything)
         scatter = np.where(learned, np.sqrt(usual_squares / (counted + runs)), prior)
         if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
@@ -226,28 +232,6 @@ def common(
     return Common(
         numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], scatter @ among_all, deviations, sds, weigher
     )  # fmt: skip
-
-
-def _shrunk(prior: Array, prior_runs: Array, factor: float, squares: Array, runs: int) -> tuple[float, Array]:
-    """Squared factor that is the vehicle's, and standard deviations between runs, shrunk towards usual ones times it.
-
-    Each square has a scaled inverse chi-squared prior about the usual one (Smyth, Stat. Appl. Genet. Mol. Biol. 3,
-    2004), times a factor that all numbers of a vehicle share, with a gamma prior about one: if runs agree in every
-    number, this says more than each number by itself.
-
-    Parameters
-    ----------
-    prior, prior_runs : usual standard deviations, and numbers of runs that these count as; infinite: not estimated.
-    factor : squared, from the last step.
-    squares : expected sums of squared deviations from the mean of the runs.
-    runs : their number.
-    """
-    learned = np.isfinite(prior_runs)
-    counted = np.where(learned, prior_runs, 1.0)
-    usual, several = counted * prior**2, float(np.max(counted[learned]))
-    each = usual * (counted + runs - 1) / (usual * factor + squares)
-    factor = (float(np.sum(counted[learned])) + several) / (float(np.sum(each[learned])) + several)
-    return factor, np.where(learned, np.sqrt((usual * factor + squares) / (counted + runs - 1)), prior)
 
 
 def change_sds(information: Array, prior: Array) -> Array:

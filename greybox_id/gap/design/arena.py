@@ -96,7 +96,7 @@ class Arena:
             return Placement(-cx, -cy, 0.0, reach - self.radius)
         low, high = np.min(self.outline, axis=0), np.max(self.outline, axis=0)
         headings, shifts = np.linspace(0.0, 2.0 * np.pi, TURNS, endpoint=False), np.linspace(-0.5, 0.5, 5)
-        if _is_box(self.outline):
+        if len(self.outline) == 4 and all(len(set(ends)) == 2 for ends in self.outline.T):  # along the axes
             headings, shifts = np.radians([0.0, -2.0, 2.0, -5.0, 5.0]), np.zeros(1)
         shares = np.stack(np.meshgrid(shifts, shifts), axis=-1).reshape(-1, 2)
         best, few = NOWHERE, _hull(np.column_stack([x, y]))
@@ -155,10 +155,6 @@ def _outline(path: Path) -> Array:
             f"‹arena› {path}: an outline has 3 to 5000 corners, all of them numbers; this one has {len(corners)}."
         )
     return corners
-
-
-def _is_box(outline: Array) -> bool:
-    return len(outline) == 4 and len(set(outline[:, 0])) == 2 and len(set(outline[:, 1])) == 2
 
 
 def _outside(outline: Array, points: Array) -> Array:
