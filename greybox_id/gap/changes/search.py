@@ -150,13 +150,10 @@ class ChangeSearch:
         least = margin(total, gain, held_out, beyond, self.cost)
         return Change((float(there.shift[place]), sd), beyond, total, least)
 
-    def stands(self, places: Places) -> bool:
-        """Whether each change of a set, which was compared with all its parts, gains what it must beside the others."""
-        return all(self.change(places, place).least > 0 for place in places)
-
     def best(self, of: Places | None = None) -> Places:
-        """The most probable set of which each change gains what it must, of a set's parts or of all."""
-        return max((it for it in self._whole if (of is None or it <= of) and self.stands(it)), key=self.weight)
+        """The most probable set, of a set's parts or of all, of which each change gains what it must beside the others."""
+        some = (it for it in self._whole if of is None or it <= of)
+        return max((it for it in some if all(self.change(it, place).least > 0 for place in it)), key=self.weight)
 
     def probability(self, *places: int) -> float:
         """That one of some numbers changed, alone or with others."""
@@ -259,19 +256,18 @@ class ChangeSearch:
         shifts = [shift] * len(self._judges)
         if not self.apart:
             shifts = [self._shift(places, self._refitted(half, places, refit.x)) for half in reversed(self._halves)]
-        judged, means, improved = list[RunExplained](), list[Array](), list[RunExplained]()
-        for judge, alone, before, by in zip(self._judges, other.judged, other.means, shifts, strict=True):
-            mean = self.known.x + by
+        means = tuple(self.known.x + by for by in shifts)
+        judged, improved = list[RunExplained](), list[RunExplained]()
+        for judge, alone, before, mean in zip(self._judges, other.judged, other.means, means, strict=True):
             there = self._explained(judge, NONE, mean, alone.x + mean - before)
             if there.cost > alone.cost:  # either may be in a local optimum
                 there = min(there, self._explained(judge, NONE, mean, alone.x), key=lambda one: one.cost)
             elif alone.cost - there.cost > CAL.cost_held_out:
                 alone = min(alone, self._explained(judge, NONE, before, there.x), key=lambda one: one.cost)
             judged.append(there)
-            means.append(mean)
             improved.append(alone)
         self.sets[beside] = replace(other, judged=tuple(improved))
-        self.sets[places] = ChangedSet(refit, tuple(judged), shift, tuple(means))
+        self.sets[places] = ChangedSet(refit, tuple(judged), shift, means)
 
     def _promising(self, places: Places, place: int) -> tuple[float, tuple[Array, ...]]:
         """Log-likelihood that a change is expected to gain in addition to a set, and where its refit begins.
