@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from math import inf, isfinite
 
-import numpy as np
-
 from ..base.numbers import number
 from ..models.effect import Effect
 from .estimation.calibration import CAL
@@ -93,11 +91,6 @@ def advice(
         missing = dict.fromkeys(signal for name in blind for signal in effects[name].touches)
         one.append(f"To detect {', '.join(blind)}: record {' and '.join(missing)}.")
     return tuple(one)
-
-
-def unread(examined: Examined) -> tuple[str, ...]:
-    """Outputs of which no reading counts."""
-    return tuple(name for c, name in enumerate(examined.bench.channels) if not np.any(examined.bench.counted[:, c]))
 
 
 def same_readings(names: Sequence[str]) -> bool:

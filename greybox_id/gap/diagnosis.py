@@ -18,7 +18,7 @@ from ..engine.simulation import Diagnosed
 from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
-from .advice import advice, detection_limits, unread
+from .advice import advice, detection_limits
 from .budget import closes, shared_out, weak
 from .closed_model import closed_model, moved, place_of
 from .closing import left_open, on_held_out
@@ -119,6 +119,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
                       for c in range(len(sd))])  # fmt: skip
     place = where(examined.bench, excess, ratio, examined.seen, selection.expected_gains, examined.effects)
     limits, unexcited, absorbed = detection_limits(examined)
+    unread = [name for name, c in zip(examined.bench.channels, examined.bench.counted.T, strict=True) if not np.any(c)]
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
     counted, shown = np.where(good, 1.0, 0.0), excerpt(examined.recordings)
     return Gap(
@@ -136,7 +137,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         held_out=verified,
         not_excited=unexcited,
         absorbed=absorbed,
-        advice=advice(sets, list(unexcited), examined.effects, unread(examined), selection.apart),
+        advice=advice(sets, list(unexcited), examined.effects, unread, selection.apart),
         closed=closed,
         strip=strip(examined.bench, selection.base.e * counted, best.e * counted, sd, examined.seen, excess, shown),
         noise_stated=examined.noise_stated,

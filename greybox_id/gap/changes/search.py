@@ -151,7 +151,7 @@ class ChangeSearch:
         return Change((float(there.shift[place]), sd), beyond, total, least)
 
     def best(self, of: Places | None = None) -> Places:
-        """The most probable set, of a set's parts or of all, of which each change gains what it must beside the others."""
+        """The most probable set, of a set's parts or all, of which each change gains what it must beside the others."""
         some = (it for it in self._whole if of is None or it <= of)
         return max((it for it in some if all(self.change(it, place).least > 0 for place in it)), key=self.weight)
 

@@ -256,22 +256,17 @@ def _begun(
             f"{twice[0]} is named as a recording from before the change, but it holds the same data as {twice[1]}, in "
             "which something may have changed. Name recordings from before the change."
         )
-    read = _readings(model, [*after, *since])
+    read = tuple(name for name in model.outputs if all(_is_read(name, one) for one in (*after, *since)))
+    if "v_y" in read:  # accelerations add nothing to its changes, and are often computed from it
+        read = tuple(name for name in read if name not in ("a_x", "a_y"))
     possible = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
     if not possible:
         raise BadInput(f"No effect that may change between runs acts on {model.name} and these recordings.")
     return model, vehicle, read, possible
 
 
-def _readings(model: MotionModel, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Outputs that all recordings hold.
-
-    Where v_y is read, accelerations are left out: they add nothing to its changes, and are often computed from it.
-    """
-    read = [name for name in model.outputs if all(name in one and np.any(np.isfinite(one[name])) for one in recordings)]
-    if "v_y" in read:
-        read = [name for name in read if name not in ("a_x", "a_y")]
-    return tuple(read)
+def _is_read(name: str, recording: Recording) -> bool:
+    return name in recording and bool(np.any(np.isfinite(recording[name])))
 
 
 def filtered_alike(recordings: Sequence[Recording]) -> bool:
