@@ -125,6 +125,7 @@ def diagnose(
             vehicle=stated,
             held_out=others,
             say=progress,
+            seed=seed,
             horizons=horizons,
             **options,
         )

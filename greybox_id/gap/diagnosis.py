@@ -62,6 +62,7 @@ def diagnose(
     vehicle: Vehicle | None = None,
     held_out: Sequence[Recording] = (),
     say: Callable[..., None] | None = None,
+    seed: int = 0,
     horizons: bool = False,
 ) -> Gap:
     """Say where a simulation deviates from a vehicle, which effect causes it, and how far the gap shrinks with it.
@@ -77,11 +78,13 @@ def diagnose(
     say : receives lines of progress.
     horizons : whether to compute errors over fixed horizons on the diagnosed recordings too; on those held out they
         always are.
+    seed : kept for the record; no result depends on a random draw.
 
     Raises
     ------
     BadInput : a recording lacks what the model reads, or no effect acts on the model.
     """
+    del seed
     tell = say or (lambda line, **_: None)
     with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         result = examine(model, recordings, effects, vehicle, tell)
