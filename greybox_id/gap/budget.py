@@ -124,7 +124,8 @@ def shared_out(
         return refits.budget(refits.refitted(subsets(names)))
     whole = frozenset(names)
     shared = refits.budget(refits.to_first_order(refits.refitted([frozenset(), whole])))
-    unsure = [share.effect for share in shared.beside if share.low < _least_share(shared)] if shared is not None else []
+    least = CAL.least_share if held_out else 0.0
+    unsure = [share.effect for share in shared.beside if share.low < least] if shared is not None else []
     if not unsure:
         return shared
     return refits.budget(refits.to_first_order(refits.refitted([frozenset(), *(whole - {k} for k in unsure), whole])))
@@ -224,19 +225,20 @@ def _worse_than_subsets(each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]
 
 
 def closes(shared: Budget | None, name: str) -> float:
-    """The probability that an effect closes as much as a cause does; one where its share is not known."""
-    if shared is None or (value := shared.judged(name)) is None:
+    """The probability that an effect closes as much as a cause does; one where its share does not decide that."""
+    if shared is None or not shared.held_out or (value := shared.judged(name)) is None:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
-    return float(ndtr((value.share - _least_share(shared)) / sd))
+    return float(ndtr((value.share - CAL.least_share) / sd))
 
 
 def weak(shared: Budget, name: str) -> Share | None:
-    """The share of an effect, if it is less than a cause closes."""
+    """The share of an effect, if it is less than a cause closes.
+
+    On the recordings that chose it, only one that surely closes nothing does: where nearly all of a gap has no name,
+    the share of a true cause is close to none, on either side.
+    """
     share = shared.judged(name)
-    return share if share is not None and share.share < _least_share(shared) else None
-
-
-def _least_share(shared: Budget) -> float:
-    """Share from which on an effect is a cause: on the recordings that chose it, any that is not negative."""
-    return CAL.least_share if shared.held_out else 0.0
+    if share is None:
+        return None
+    return share if (share.share < CAL.least_share if shared.held_out else share.high < 0.0) else None

@@ -113,16 +113,18 @@ def tempering(readings: int, inexact: bool, left: float = 0.0) -> float:
 def _unsteady_factors(
     selection: Selection, margins: Sequence[float], cost: Costs, unsteady: Unsteady
 ) -> dict[str, float]:
-    """Effect -> factor on its cost, from its unsteadiness in the best hypothesis that contains it.
+    """Effect -> factor on its cost, from its unsteadiness in the hypothesis of least cost that contains it.
 
     It is one where that hypothesis does not gain its least price, and the same in all hypotheses: otherwise a partner
-    beside which a large effect differs a little less would seem to gain the difference. It decides whether an effect is
-    present, not which: between once and twice the gain that is needed it falls back to one, so that effects that surely
-    explain the same are distinguished by their gains.
+    beside which a large effect differs a little less would seem to gain the difference. That hypothesis is the best
+    explanation, if it contains the effect: others may only be refitted as far as tells that they are aliases, and an
+    effect of theirs then varies with the rest. The factor decides whether an effect is present, not which: between once
+    and twice the gain that is needed it falls back to one, so that effects that surely explain the same are
+    distinguished by their gains.
     """
     tried, best = selection.tried, dict[str, int]()
-    for k in sorted(range(len(tried)), key=lambda k: -margins[k]):
-        for name in tried[k].names:
+    for k, item in enumerate(tried):
+        for name in item.names:
             best.setdefault(name, k)
     known = {
         k: dict(zip(tried[k].names, unsteady(tried[k]), strict=True)) for k in set(best.values()) if margins[k] > 0

@@ -134,13 +134,13 @@ def select(
         base = best = _in_shown_error(search, together.whitening, base)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
-    alike = _exchanged(search, together, stage, best) if best.names else []
+    alike = _exchanged(search, together, stage, best, gains) if best.names else []
     if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # both may explain more than either
         included = stage.included | np.isin(names, min(alike, key=by_cost).names)
         stage, gains = together.pruned(together.refitted(stage, included, CAL.exchange_steps), prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
-            best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]
+            best, alike = again, [best, *alike, *_exchanged(search, together, stage, again, gains)]
     without = _without_each(search, best, names, gains)
     base = min((base, *(replace(base, cost=item.cost) for item in without if not item.names)), key=by_cost)
     tried, offered = [best, *without, *alike], expected_gains(together, stage)
@@ -231,16 +231,25 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
     return result
 
 
-def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
-    """The best explanation with other causes in the place of each effect, as far as they may explain as much."""
+def _exchanged(
+    search: Search, together: JointSearch, stage: JointStage, best: Hypothesis, gains: Array
+) -> list[Hypothesis]:
+    """The best explanation with other causes in the place of each effect, as far as they may explain as much.
+
+    What it costs at least to have another cause in the place of one is, to first order, what the latter gains beside
+    the other. First order says little about an abrupt one: of its gain as simulated, that is the same share.
+    """
     problem, sets, state = together.problem, stage.sets, stage.state
     here, starts, offs, renamed = sets.cost(stage.included), list[Start](), list[float](), list[Hypothesis]()
     for k in np.flatnonzero(stage.included):
         tried = list[tuple[float, int, Mask]]()
+        without = stage.included.copy()
+        without[k] = False
+        share = max(float(gains[k]) / max(sets.cost(without) - here, CAL.enough), 1.0)
         for new in np.flatnonzero(~stage.included):
-            swap = stage.included.copy()
-            swap[k], swap[new] = False, True
-            tried.append((sets.cost(swap) - here, int(new), swap))
+            swap, both = without.copy(), stage.included.copy()
+            swap[new] = both[new] = True
+            tried.append((share * (sets.cost(swap) - min(here, sets.cost(both))), int(new), swap))
         tried.sort(key=lambda each: each[0])
         rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:
