@@ -39,13 +39,13 @@ from .judging import (
     gain_of,
     genuine,
     insignificant,
+    known_sizes,
     misnamed_probability,
     of_class,
     refused,
     restricted_to,
     size_sd,
     unnamed_probability,
-    witnesses,
 )
 from .regimes import where
 
@@ -178,9 +178,11 @@ class _Causes:
 
 def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> _Causes:
     """Causes that are significant, and that close enough of the gap by its budget."""
-    ways = witnesses(examined, examined.best) if examined.best.candidates else []
-    reasons, chances = insignificant(examined, ways, CAL.by_chance)
-    leave, _ = insignificant(examined, ways, CAL.present)
+    if not examined.best.candidates:
+        return _Causes(examined.best, {}, {}, None, None)
+    sizes = known_sizes(examined, examined.best)
+    reasons, chances = insignificant(examined, sizes, CAL.by_chance)
+    leave, _ = insignificant(examined, sizes, CAL.present)
     doubtful = set(reasons) - set(leave)
     best = restricted_to(examined, set(examined.best.names) - set(leave)) if leave else examined.best
     shared, telling = None, None

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
-from functools import partial
 from math import exp, log
 
 import numpy as np
@@ -17,7 +16,6 @@ from .budget import closes, weak
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
 from .estimation.hypothesis import Hypothesis
-from .estimation.noise import white_noise
 from .evidence import probability
 from .examining import TINY, Examined
 from .gap import Budget
@@ -123,7 +121,7 @@ def closes_too_little(shared: Budget, exact: bool) -> str:
     return f"small: {judged} all named effects together remove {whole_percent(closed)} % of the excess error"
 
 
-def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> tuple[dict[str, str], dict[str, float]]:
+def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[dict[str, str], dict[str, float]]:
     """Effects of the best explanation whose sizes may be none, and why; and for the others, how likely chance is.
 
     The others are as many as the share `level` of such effects that are not there allows (false discovery rate;
@@ -133,9 +131,13 @@ def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> 
     leave, the others move to their values without them, and must be significant there, too: one that is so only once
     another has left stands for that one.
 
+    Limits, lags and plays may have no slope at none: for these, the root of twice the likelihood ratio is the distance
+    from none in standard deviations, too (Wilks, Annals of Mathematical Statistics 9, 1938), divided by the widening
+    where residuals are no noise (Kent, Biometrika 69, 1982).
+
     Parameters
     ----------
-    ways : what informs the sizes.
+    sizes : how well the best explanation's sizes are known.
     level : share of effects that are not there among those that are significant.
 
     Returns
@@ -143,37 +145,34 @@ def insignificant(examined: Examined, ways: Sequence[Witness], level: float) -> 
     reasons : effect -> why it is no cause.
     chances : of each other effect, the least level at which it would be significant.
     """
-    best, reasons, chances = examined.best, dict[str, str](), dict[str, float]()
+    best, reasons = examined.best, dict[str, str]()
     offered = len(examined.prepared.effects)
     mains = [at.start for _, at in best.parts]
-    nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
-    sudden = np.array([not (item.gradual or item.axes[0].shift) for item in best.candidates])
-    for witness in ways:
-        V, off, names = witness.covariance[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
-        by_gain = {
-            name: np.sqrt(2.0 * witness.gained(name)) / witness.widening[at]
-            for name, at, each in zip(names, mains, sudden, strict=True) if each
-        }  # fmt: skip
-        while names:
-            slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
-            z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
-            least = _least_levels(z, offered)
-            weak = {name: each for name, each, by in zip(names, z.tolist(), least, strict=True) if by > level}
-            if not weak:
-                chances |= {name: max(by, chances.get(name, 0.0)) for name, by in zip(names, least, strict=True)}
-                break
-            surely = -float(ndtri(0.5 * level * (len(names) - len(weak) + 1) / max(offered, 1)))
-            for name, each in weak.items():
-                reasons[name] = (
-                    f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and of "
-                    f"{offered} absent effects one reaches {number(surely, 2)} too often by chance"
-                )
-                k = names.index(name)
-                rest = np.arange(len(names)) != k
-                by = V[rest, k] / V[k, k]
-                off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
-                names.pop(k)
-    return reasons, {name: chance for name, chance in chances.items() if name not in reasons}
+    V, off, names = sizes.covariance[np.ix_(mains, mains)], best.m[mains], list(best.names)
+    off = off - np.array([candidate.axes[0].null for candidate in best.candidates])
+    by_gain = {
+        item.effect: np.sqrt(2.0 * gain_of(examined, best, item.effect)) / sizes.widening[at]
+        for item, at in zip(best.candidates, mains, strict=True) if not (item.gradual or item.axes[0].shift)
+    }  # fmt: skip
+    while names:
+        slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
+        z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
+        least = _least_levels(z, offered)
+        weak = {name: each for name, each, by in zip(names, z.tolist(), least, strict=True) if by > level}
+        if not weak:
+            return reasons, dict(zip(names, least.tolist(), strict=True))
+        surely = -float(ndtri(0.5 * level * (len(names) - len(weak) + 1) / max(offered, 1)))
+        for name, each in weak.items():
+            reasons[name] = (
+                f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and of "
+                f"{offered} absent effects one reaches {number(surely, 2)} too often by chance"
+            )
+            k = names.index(name)
+            rest = np.arange(len(names)) != k
+            by = V[rest, k] / V[k, k]
+            off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
+            names.pop(k)
+    return reasons, {}
 
 
 def _least_levels(z: Array, offered: int) -> Array:
@@ -186,55 +185,40 @@ def _least_levels(z: Array, offered: int) -> Array:
 
 
 def size_sd(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """Standard deviation of an effect's coordinate in a hypothesis, largest over its witnesses."""
+    """Standard deviation of an effect's coordinate in a hypothesis."""
     _, at = hypothesis.main(name)
-    return float(np.sqrt(max(0.0, *(witness.covariance[at, at] for witness in witnesses(examined, hypothesis)))))
+    return float(np.sqrt(max(0.0, known_sizes(examined, hypothesis).covariance[at, at])))
 
 
 @dataclass(frozen=True)
-class Witness:
-    """What one way to weigh residuals says about a hypothesis' sizes.
+class KnownSizes:
+    """How well a hypothesis' sizes are known.
 
     Attributes
     ----------
     covariance : (m, m) of its coordinates; where equations are inexact, with model-form errors.
     widening : (m,) factors by which coordinates scatter more than if residuals were noise.
-    gained : log-likelihood that one of its effects gains. Limits, lags and plays may have no slope at none: for these,
-        the root of twice the likelihood ratio is the distance from none in standard deviations, too (Wilks, Annals of
-        Mathematical Statistics 9, 1938), divided by the widening where residuals are no noise (Kent, Biometrika 69,
-        1982).
     """
 
     covariance: Array
     widening: Array
-    gained: Callable[[str], float]
 
 
-def witnesses(examined: Examined, hypothesis: Hypothesis) -> list[Witness]:
-    """Innovations, and where equations are inexact free runs.
+def known_sizes(examined: Examined, hypothesis: Hypothesis) -> KnownSizes:
+    """How well a hypothesis' sizes are known.
 
-    Free runs are then a second witness: to innovations, form errors are new every correlation time, but in a free run
-    they last, and the gradients of its blocks scatter with them (see `Search.widening`).
+    Errors of inexact equations last, while innovations take them for new every correlation time. What they do to sizes
+    is seen from how much sizes differ between blocks and between parts of a drive, and as far as they are alike in all
+    parts, from what the best explanation leaves of free runs: standard deviations grow with the root mean square of
+    these errors over noise (Birge, Physical Review 40, 1932).
     """
-    search = examined.selection.search
-    nulls = np.array([axis.null for axis in hypothesis.axes])
-    form = np.diag((CAL.form_of_size * (hypothesis.m - nulls)) ** 2) if examined.inexact else 0.0
-
-    def witness(gained: Callable[[str], float]) -> Witness:
-        widening = (CAL.wider if examined.inexact else 1.0) * search.widening(hypothesis)
-        return Witness(search.covariance(hypothesis) * np.outer(widening, widening) + form, widening, gained)
-
-    def gained_freely(name: str) -> float:
-        whole, without = (
-            examined.at_its_best(item) for item in (hypothesis, restricted_to(examined, {*hypothesis.names} - {name}))
-        )
-        return max(without.cost - whole.cost, 0.0)
-
-    result = [witness(partial(gain_of, examined, hypothesis))]
-    if examined.inexact and examined.unnamed is not None:
-        with search.counted(white_noise(examined.sd, examined.good, examined.bench.rows)):
-            result.append(witness(gained_freely))
-    return result
+    search, widening = examined.selection.search, examined.selection.search.widening(hypothesis)
+    if not examined.inexact:
+        return KnownSizes(search.covariance(hypothesis) * np.outer(widening, widening), widening)
+    left = examined.closed.after if examined.unnamed is not None else 1.0
+    widening = CAL.wider * np.sqrt(max(left, 1.0)) * widening
+    form = CAL.form_of_size * (hypothesis.m - np.array([axis.null for axis in hypothesis.axes]))
+    return KnownSizes(search.covariance(hypothesis) * np.outer(widening, widening) + np.diag(form**2), widening)
 
 
 def misnamed_probability(examined: Examined) -> float:

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.gap.budget import _Refits, budget
+from greybox_id.gap.budget import _Refits, budget, closes, weak
 from greybox_id.gap.estimation.free_runs import Misfit, subsets
 from greybox_id.gap.estimation.hypothesis import Hypothesis
+from greybox_id.gap.gap import Budget, Share
 
 ROWS, SD = 2000, np.array([1.0, 2.0])
 BENCH = SimpleNamespace(rows=[slice(0, ROWS)], sample_time=0.02)
@@ -47,6 +48,21 @@ def test_a_small_cause_is_judged_by_what_it_closes_beside_a_large_one():
     assert budgeted.of("small").share == pytest.approx(0.01)
     assert budgeted.judged("small").share == pytest.approx(1.0)
     assert budgeted.judged("another") is None
+
+
+@pytest.mark.parametrize(
+    ("share", "low", "high", "weak_where_chosen", "weak_held_out"),
+    [(-0.02, -0.09, 0.04, False, True), (-0.3, -0.6, -0.1, True, True), (0.3, 0.1, 0.5, False, False)],
+)
+def test_a_share_about_none_refuses_an_effect_only_on_recordings_that_did_not_choose_it(
+    share, low, high, weak_where_chosen, weak_held_out
+):
+    """Where nearly all of a gap has no name, what a true cause closes is lost in it."""
+    own, rest = Share("slope", share, low, high), Share("unexplained", 1.0 - share, 0.0, 1.0)
+    for held_out, is_weak in ((False, weak_where_chosen), (True, weak_held_out)):
+        found = Budget((own,), rest, ("lap",), held_out, True, (own,))
+        assert weak(found, "slope") == (own if is_weak else None)
+        assert (closes(found, "slope") < 0.5) == (held_out and is_weak)
 
 
 def test_effects_that_spin_without_the_others_explain_nothing():

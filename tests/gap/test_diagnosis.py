@@ -280,16 +280,17 @@ def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_p
     assert next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias") == "its size may be none"
 
 
-def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leave():
+def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leave(monkeypatch):
     """Of 40 absent effects, one reaches 3.02 sd in a tenth of all cases, and 2.67 sd in three tenths of them."""
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
     def left(m, V, count=40, gain=0.0, level=CAL.by_chance):
+        monkeypatch.setattr(judging, "gain_of", lambda *_: gain)
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
-        ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
+        sizes = judging.KnownSizes(np.array(V), np.full(3, 2.0))
         prepared = SimpleNamespace(effects=dict.fromkeys(range(count)))
-        return judging.insignificant(SimpleNamespace(prepared=prepared, best=best), ways, level)[0]
+        return judging.insignificant(SimpleNamespace(prepared=prepared, best=best), sizes, level)[0]
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
     assert left([3.4, -2.7, 9.0], np.eye(3)) == {}  # beside two that are sure
@@ -305,6 +306,25 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=12.0)) == [names[1]]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
+
+
+def test_sizes_are_known_less_well_the_more_free_runs_err():
+    """Model errors that last are no scatter between blocks: by four times the variance of noise, sds are doubled."""
+    search = SimpleNamespace(covariance=lambda _: 0.01 * np.eye(1), widening=lambda _: np.array([1.5]))
+    hypothesis = SimpleNamespace(m=np.array([1.2]), axes=[SimpleNamespace(null=1.0)])
+
+    def sd(left, inexact=True, unnamed=True):
+        examined = SimpleNamespace(
+            selection=SimpleNamespace(search=search), inexact=inexact, closed=SimpleNamespace(after=left),
+            unnamed=unnamed or None,
+        )  # fmt: skip
+        return float(np.sqrt(judging.known_sizes(examined, hypothesis).covariance[0, 0]))
+
+    form = CAL.form_of_size * 0.2
+    assert sd(1.0) == sd(0.8) == pytest.approx(np.hypot(CAL.wider * 0.15, form))
+    assert sd(4.0) == pytest.approx(np.hypot(2.0 * CAL.wider * 0.15, form))
+    assert sd(4.0, unnamed=False) == sd(1.0)
+    assert sd(4.0, inexact=False) == pytest.approx(0.15)
 
 
 @given(st.lists(st.floats(0.0, 6.0), min_size=1, max_size=8), st.integers(8, 60))

@@ -186,6 +186,18 @@ def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
     assert weighed.scores[1] - weighed.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
 
 
+def test_how_an_effect_varies_beside_an_alias_of_another_says_nothing_about_it():
+    """Aliases may be refitted only as far as tells that they are: the best explanation says how an effect varies."""
+    own = {"true": 12.0, "alias": 8.0, "steady": 8.0}.__getitem__
+    tried = [hypothesis(900.0, "true", "steady"), hypothesis(900.0, "steady", "alias"), hypothesis(950.0, "true")]
+    weighed = evidence(
+        selected(1000.0, tried), False, own,
+        unsteady=lambda each: [2.0 if name == "steady" and "alias" in each.names else 0.0 for name in each.names],
+    )  # fmt: skip
+    assert weighed.scores[0] == pytest.approx(100.0 - 12.0 - 8.0)
+    assert weighed.outdone == {}
+
+
 def test_what_is_surely_there_is_told_from_its_rivals_by_what_it_gains():
     tried = [hypothesis(0.0, "true"), hypothesis(5.0, "rival")]
     weighed = evidence(
