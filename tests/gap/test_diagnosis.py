@@ -231,7 +231,10 @@ def test_of_many_names_what_is_left_is_shared_out_again(monkeypatch):
         result = plain(examined, best, *others)
         if len(best.names) == 1:
             return result
-        each = tuple(replace(share, share=-0.3 if share.effect == "yaw_rate_bias" else -0.1) for share in result.shares)
+        worse = {"yaw_rate_bias": -0.3, "steering_delay": -0.1}  # surely: intervals contain no effect that closes
+        each = tuple(
+            replace(share, share=worse[share.effect], high=worse[share.effect] + 0.05) for share in result.shares
+        )
         return replace(result, shares=each, beside=each)
 
     monkeypatch.setattr(diagnosis, "shared_out", shares)
