@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ..base.declared import understood
 from ..base.errors import BadInput
@@ -49,7 +48,6 @@ def diagnose(
     seed: int = 0,
     horizons: bool = False,
     progress: Progress | None = None,
-    **more: Any,
 ) -> GapResult:
     """Diagnose where a simulation deviates from the vehicle, by which effects, and how far these close the gap.
 
@@ -69,7 +67,6 @@ def diagnose(
     seed : of random numbers.
     horizons : whether to compute errors over fixed horizons on the diagnosed recordings, too.
     progress : called with each line of progress.
-    more : further options of `greybox_id.gap.diagnosis.diagnose`.
 
     Returns
     -------
@@ -109,14 +106,11 @@ def diagnose(
         )
     tried = _candidates(effects)
     if before is not None:
-        if more:
-            raise BadInput(f"{', '.join(more)}: cannot be used with ‹since›; omit it.")
         with known(nominal, *tried.values()):
             changed = diagnose_change(nominal, recordings, before, tried, vehicle=stated, held_out=others, say=progress)
         doubted_change = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
         made = made_with(nominal, changed.vehicle, recordings, others, seed)
         return ChangeResult.since_then(doubted_change, made, changed.vehicle)
-    options = dict(more)
     with known(nominal, *tried.values()):
         result = diagnose_gap(
             nominal,
@@ -127,7 +121,6 @@ def diagnose(
             say=progress,
             seed=seed,
             horizons=horizons,
-            **options,
         )
     made = made_with(nominal, stated, recordings, others, seed)
     return GapResult.of(doubted(result, nominal, stated, recordings), made, stated)
