@@ -236,8 +236,8 @@ def _exchanged(
 ) -> list[Hypothesis]:
     """The best explanation with other causes in the place of each effect, as far as they may explain as much.
 
-    What it costs at least to have another cause in the place of one is, to first order, what the latter gains beside
-    the other. First order says little about an abrupt one: of its gain as simulated, that is the same share.
+    What it costs at least to have another cause in the place of one is what the latter gains beside the other, to first
+    order; of an abrupt one, about which first order says little, as much more as simulations say that it gains.
     """
     problem, sets, state = together.problem, stage.sets, stage.state
     here, starts, offs, renamed = sets.cost(stage.included), list[Start](), list[float](), list[Hypothesis]()
@@ -245,11 +245,11 @@ def _exchanged(
         tried = list[tuple[float, int, Mask]]()
         without = stage.included.copy()
         without[k] = False
-        share = max(float(gains[k]) / max(sets.cost(without) - here, CAL.enough), 1.0)
+        more = max(float(gains[k]) / max(sets.cost(without) - here, CAL.enough), 1.0)
         for new in np.flatnonzero(~stage.included):
             swap, both = without.copy(), stage.included.copy()
             swap[new] = both[new] = True
-            tried.append((share * (sets.cost(swap) - min(here, sets.cost(both))), int(new), swap))
+            tried.append((more * (sets.cost(swap) - min(here, sets.cost(both))), int(new), swap))
         tried.sort(key=lambda each: each[0])
         rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:

@@ -58,11 +58,11 @@ def test_a_share_about_none_refuses_an_effect_only_on_recordings_that_did_not_ch
     share, low, high, weak_where_chosen, weak_held_out
 ):
     """Where nearly all of a gap has no name, what a true cause closes is lost in it."""
-    own, rest = Share("slope", share, low, high), Share("unexplained", 1.0 - share, 0.0, 1.0)
+    slope, rest = Share("slope", share, low, high), Share("unexplained", 1.0 - share, 0.0, 1.0)
     for held_out, is_weak in ((False, weak_where_chosen), (True, weak_held_out)):
-        found = Budget((own,), rest, ("lap",), held_out, True, (own,))
-        assert weak(found, "slope") == (own if is_weak else None)
-        assert (closes(found, "slope") < 0.5) == (held_out and is_weak)
+        shares = Budget((slope,), rest, ("lap",), held_out, True, (slope,))
+        assert weak(shares, "slope") == (slope if is_weak else None)
+        assert (closes(shares, "slope") < 0.5) == (held_out and is_weak)
 
 
 def test_effects_that_spin_without_the_others_explain_nothing():

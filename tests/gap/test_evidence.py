@@ -188,10 +188,10 @@ def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
 
 def test_how_an_effect_varies_beside_an_alias_of_another_says_nothing_about_it():
     """Aliases may be refitted only as far as tells that they are: the best explanation says how an effect varies."""
-    own = {"true": 12.0, "alias": 8.0, "steady": 8.0}.__getitem__
+    prices = {"true": 12.0, "alias": 8.0, "steady": 8.0}.__getitem__
     tried = [hypothesis(900.0, "true", "steady"), hypothesis(900.0, "steady", "alias"), hypothesis(950.0, "true")]
     weighed = evidence(
-        selected(1000.0, tried), False, own,
+        selected(1000.0, tried), False, prices,
         unsteady=lambda each: [2.0 if name == "steady" and "alias" in each.names else 0.0 for name in each.names],
     )  # fmt: skip
     assert weighed.scores[0] == pytest.approx(100.0 - 12.0 - 8.0)

@@ -77,6 +77,25 @@ def test_what_acts_alike_is_among_what_was_tried_and_costs_the_same():
     assert costs[frozenset(of_effects(0, 1))] == pytest.approx(costs[frozenset(of_effects(2, 1))], abs=1e-3)
 
 
+def test_another_cause_is_an_alias_as_far_as_nothing_is_gained_beside_it(monkeypatch):
+    """A cause that explains something else, and was too dear, is none; nor one as far as simulations say otherwise."""
+    called, plain = [], selection._exchanged
+    monkeypatch.setattr(selection, "_exchanged", lambda *given: called.append(given) or plain(*given))
+    X = smooth_columns(4)
+    basis = np.linalg.qr(X.reshape(-1, 4))[0].reshape(X.shape)  # nothing stands for another but as said
+    X = basis * np.linalg.norm(X[:, :, 0])
+    X[:, :, 2] = X[:, :, 0] + 0.01 * X[:, :, 2]
+    selected(linear_bench(X, [0.4, 0.0, 0.0, 0.8], SD), 4, costs=lambda name: 1e6 if name == "effect_3" else WORTH)
+    *others, best, gains = called[0]
+    assert set(best.names) == of_effects(0)
+
+    def aliases(gains):
+        return {name for each in plain(*others, best, gains) for name in each.names}
+
+    assert aliases(gains) == of_effects(2)
+    assert aliases(100.0 * gains) == set()  # each nat to first order is a hundred
+
+
 def test_where_nothing_acts_the_base_is_all_there_is():
     found = selected(linear_bench(smooth_columns(6), np.zeros(6), SD), 6)
     assert all(own.cost > found.base.cost - WORTH for own in found.tried)

@@ -207,10 +207,10 @@ def common(
             covariance, r = np.asarray(np.linalg.inv(informed + P), dtype=float), pull + P @ middle
             evidence.append(0.5 * float(r @ covariance @ r - middle @ P @ middle))
             evidence[-1] -= 0.5 * float(np.linalg.slogdet(informed + P)[1]) - 0.5 * float(np.linalg.slogdet(P)[1])
-            found, degrees = squares(apart, covariance @ r, covariance), counted + runs - 1
-            each = expected * degrees / (expected * factor + found)
+            seen, degrees = squares(apart, covariance @ r, covariance), counted + runs - 1
+            each = expected * degrees / (expected * factor + seen)
             factor = (float(np.sum(counted[learned])) + several) / (float(np.sum(each[learned])) + several)
-            scatter = np.where(learned, np.sqrt((expected * factor + found) / degrees), prior)
+            scatter = np.where(learned, np.sqrt((expected * factor + seen) / degrees), prior)
             if np.all(np.abs(scatter - before) < CAL.settled_scatter**2 * before):
                 break
         return factor if evidence[-1] - evidence[0] > CAL.alike else 1.0

@@ -12,7 +12,7 @@ from ...engine.motion.lanes import Interval, lay
 from ...engine.motion.schedule import MotionRun, Schedule, longest_segment, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
-from .driver import OUTPUTS, PLANNED, PlanDriver, driven
+from .driver import OUTPUTS, PATH, PLANNED, PlanDriver, driven
 from .limits import DriveLimits, number
 from .primitives import PlannedDrive
 
@@ -77,8 +77,7 @@ class PlanCourse:
         """(K, n, outputs) motion with each of (K, parameters) of the undriven model, with or without a driver."""
         P = np.atleast_2d(P)
         u = np.column_stack([plan.steer, plan.drive, *(plan.of(name) for name in ("v_x", "x", "y", "yaw"))])
-        of_driver = self.model.values[P.shape[1] :].copy()
-        of_driver[0] = follow  # `driver.PATH`, the first of the driver's parameters
+        of_driver = self.model.with_parameters(self.model[PATH].with_value(float(follow))).values[P.shape[1] :]
         full = np.column_stack([P, np.tile(of_driver, (len(P), 1))])
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
