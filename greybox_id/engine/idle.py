@@ -62,7 +62,7 @@ def idle_without(
     return {
         k: min(reasons, key=lambda place: (count[place], place))
         for k, reasons in enumerate(idle)
-        if reasons and k in graph.operations() and not graph.fixed[k]
+        if reasons and isinstance(graph.values[k], Operation) and not graph.fixed[k]
     }
 
 
