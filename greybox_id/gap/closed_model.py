@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +15,8 @@ from ..engine.motion.simulator import Simulator
 from ..engine.simulation import Diagnosed
 from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..fitting.attempt import LEAST_NOISE, ROUGH
-from ..fitting.scores.horizons import Errors, between, mean_squares
+from ..fitting.scores.horizons import Errors, Squares, between, mean_squares
+from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from .closing import closure
 from .estimation.axes import ActingRows
@@ -49,27 +50,32 @@ def closed_model(
     shared : the causes' budget, if known: it has refitted tolerances to the held-out recordings already.
     """
     added, nominal = with_effects(examined, best), with_effects(examined, best, set())
-    simulator = Simulator(added) if isinstance(added, MotionModel) else None
-    ways, fitted = [(added, simulator)], list[tuple[MotionModel, Simulator]]()
+    everything = with_priors(added, examined.effects, examined.vehicle) if isinstance(added, MotionModel) else added
+    simulator = Simulator(everything) if isinstance(everything, MotionModel) else None
+    ways, fitted = [added], list[MotionModel]()
     if detected or _errs_as_stated(examined):
         moved = _moved_along(examined, best, added)
-        fitted = _fitted(examined, best, moved) if detected else []
-        ways += [(moved, simulator), *fitted]
+        fitted = _fitted(examined, best, moved, simulator) if detected else []
+        ways += [moved, *fitted]
     judges = list(held_out) or excerpt(_as_they_end(examined, best))
     errors = list[tuple[Errors, ...]]()
     if held_out or len(ways) > 1:
-        before = mean_squares(nominal, judges, simulator)
 
-        def err(ways: Sequence[tuple[Diagnosed, Simulator | None]]) -> list[tuple[Errors, ...]]:
-            after = (mean_squares(model, judges, simulates) for model, simulates in ways)
-            return [between(added.outputs, before, each, examined.sd) for each in after]
+        def squares(model: Diagnosed) -> Squares:
+            same = model if simulator is None else _among(everything, model, examined.effects)
+            return mean_squares(same, judges, simulator)
+
+        before = squares(nominal)
+
+        def err(ways: Sequence[Diagnosed]) -> list[tuple[Errors, ...]]:
+            return [between(added.outputs, before, squares(model), examined.sd) for model in ways]
 
         errors = err(ways)
         if fitted and _least(errors) == 0:  # fits began where simulations need unknown forces
-            again = _fitted(examined, best, added)
+            again = _fitted(examined, best, added, simulator)
             ways, errors = [*ways, *again], [*errors, *err(again)]
     least = _least(errors)
-    closed = ways[least][0]
+    closed = ways[least]
     if not held_out:
         return closed, None, ""
     verified = shared.together if shared is not None else None
@@ -149,13 +155,25 @@ def _moved_along(examined: Examined, best: Hypothesis, closed: Diagnosed) -> Dia
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(examined: Examined, best: Hypothesis, begin: Diagnosed) -> list[tuple[MotionModel, Simulator]]:
-    """A closed model fitted to free runs: its tolerances, or these and the causes' magnitudes; with simulators.
+def _among(everything: Diagnosed, model: Diagnosed, effects: Mapping[str, Effect]) -> Diagnosed:
+    """A model as the one with more effects, these at their nulls: both then share a compiled kernel."""
+    more = [effects[name].parameter for name in everything.effects if name not in model.effects]
+    return everything.with_parameters(
+        *(everything[each.name].with_value(each.array) for each in (*more, *model.parameters))
+    )
+
+
+def _fitted(examined: Examined, best: Hypothesis, begin: Diagnosed, simulator: Simulator | None) -> list[MotionModel]:
+    """A closed model fitted to free runs: its tolerances, or these and the causes' magnitudes.
 
     Magnitudes were estimated beside unknown forces and with linearised tolerances: where a vehicle's file is far off,
     all parameters must move together.
+
+    Parameters
+    ----------
+    simulator : of the model with priors.
     """
-    if not isinstance(begin, MotionModel):
+    if simulator is None or not isinstance(begin, MotionModel):
         return []
     with_prior = with_priors(begin, examined.effects, examined.vehicle)
     with_prior = with_prior.with_parameters(
@@ -166,17 +184,16 @@ def _fitted(examined: Examined, best: Hypothesis, begin: Diagnosed) -> list[tupl
             if not all(parameter.fixed for parameter in item.parameters)]  # fmt: skip
     if not ways:
         return []
-    simulator = Simulator(with_prior)
     simulator.kernel.prepare()
     noise, recordings = _counted(examined, best), excerpt(thinned(_as_they_end(examined, best)))
-    ended = list[tuple[MotionModel, Simulator]]()
+    ended = list[MotionModel]()
     for way in ways:
         problem = MotionProblem(simulator.of(way), recordings, noise=noise, robust=CAL.far_reading, about=way.values)
         solution = gauss_newton(problem, problem.unknowns(way.values), tolerance=ROUGH, search="levenberg_marquardt")
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if np.isfinite(solution.objective):
-            ended.append((way.with_values(problem.shared(solution.x)), simulator))
+            ended.append(way.with_values(problem.shared(solution.x)))
     return ended
 
 

@@ -14,6 +14,7 @@ from ..base.numbers import number, pretty_unit
 from ..datasets.checks import doubts
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
+from ..engine.motion.traced import traced_once
 from ..engine.simulation import Diagnosed
 from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
@@ -86,7 +87,7 @@ def diagnose(
     """
     del seed
     tell = say or (lambda line, **_: None)
-    with threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
+    with traced_once(), threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         result = examine(model, recordings, effects, vehicle, tell)
         doubted = restated(recordings, result.recordings)
         gap = answer(result, otherwise(held_out) if doubted else held_out, tell)

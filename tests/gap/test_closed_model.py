@@ -8,11 +8,13 @@ import pytest
 from gap_cases import NOISE, NUMBERS, lap, nominal
 
 from greybox_id.datasets.recording import Recording
+from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_id.gap import closed_model as closing
 from greybox_id.gap.closed_model import _fitted, closed_model, place_of, with_effects
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.estimation.axes import ActingRows
+from greybox_id.gap.estimation.preparing import with_priors
 from greybox_id.gap.examining import examine
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.parameter import Stated
@@ -105,7 +107,7 @@ def test_an_interrupted_fit_of_the_closed_model_ends_the_diagnosis(monkeypatch):
     found = SimpleNamespace(effects=EFFECTS, vehicle=LOOSE, recordings=[lap({}, 2.0)], good=e > 0,
                             at_its_best=lambda best: SimpleNamespace(e=e))  # fmt: skip
     with pytest.raises(KeyboardInterrupt):
-        _fitted(found, SimpleNamespace(axes=(), candidates=()), model)
+        _fitted(found, SimpleNamespace(axes=(), candidates=()), model, Simulator(with_priors(model, EFFECTS, LOOSE)))
 
 
 def test_where_an_effect_begins_is_found_whatever_recordings_are_called():

@@ -302,9 +302,10 @@ class Bench:
                     Y[parts[lane], :, at] = 0.0
             G = chained(cut, Z_end, by_p[:, :, chosen], np.array(self.loose, dtype=np.intp))
             J = np.empty((*Y.shape[:2], G.shape[2]))
-            for by_start, part in zip(G, parts, strict=True):
-                np.matmul(Y[part, :, :size], by_start, out=J[part])
-            J[:, :, : len(chosen)] += Y[:, :, size:]
+            for by_start, part in zip(G, parts, strict=True):  # one product per lane, not one per reading
+                each, result_of = Y[part].reshape(-1, Y.shape[2]), J[part].reshape(-1, J.shape[2])
+                np.matmul(each[:, :size], by_start, out=result_of)
+                result_of[:, : len(chosen)] += each[:, size:]
         if place is not None:
             J = J.reshape(-1, J.shape[2]).take(place, axis=0).reshape(*cut.lane.shape, -1)
             J[cut.lane < 0] = 0.0

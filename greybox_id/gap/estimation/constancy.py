@@ -166,7 +166,7 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
     return max(each, default=0.0)
 
 
-def discounted(gain: Array, unsteady: Array | float) -> Array:
+def discounted(gain: Array | float, unsteady: Array | float) -> Array:
     """The gain of an effect, in nats, given its unsteadiness: half of m^2 over the sum of both variances."""
     finite = np.clip(gain, 0.0, 1e12)  # where a refit without it leaves the range of numbers, a gain is infinite
     return np.asarray(finite / (1.0 + 2.0 * finite * unsteady))

@@ -255,18 +255,18 @@ class JointProblem:
         axes = [*self.tolerances, *(self.causes[k].main for k in smooth), *seconds]
         _, J, S = self.bench.linearise(p, [axis.index for axis in axes])
         rest = nt + len(smooth)
-        edges = np.cumsum([1, nt + E, len(seconds), S.shape[2], len(others)])
+        edges = np.cumsum([1, nt, E, len(seconds), S.shape[2], len(others)])
         if len(self._room) < e.size * edges[-1]:
             self._room = np.empty(e.size * edges[-1])
         every, by_axes = self._room[: e.size * edges[-1]].reshape(e.size, edges[-1]), J.reshape(e.size, len(axes))
-        mixed = np.zeros((rest, nt + E))
-        mixed[:nt, :nt] = self.mix * _by_coordinates(p, self.tolerances)[:, None]
-        mixed[nt + np.arange(len(smooth)), nt + smooth] = 1.0
         every[:, 0] = e.ravel()
-        np.matmul(by_axes[:, :rest], mixed, out=every[:, 1 : edges[1]])
-        np.multiply(by_axes[:, rest:], _by_coordinates(p, seconds), out=every[:, edges[1] : edges[2]])
-        every[:, edges[2] : edges[3]] = S.reshape(e.size, S.shape[2])
-        every[:, edges[3] :] = others.reshape(len(others), e.size).T
+        mixed = self.mix * _by_coordinates(p, self.tolerances)[:, None]
+        np.matmul(by_axes[:, :nt], mixed, out=every[:, 1 : edges[1]])
+        every[:, edges[1] : edges[2]] = 0.0
+        every[:, edges[1] + smooth] = by_axes[:, nt:rest]
+        np.multiply(by_axes[:, rest:], _by_coordinates(p, seconds), out=every[:, edges[2] : edges[3]])
+        every[:, edges[3] : edges[4]] = S.reshape(e.size, S.shape[2])
+        every[:, edges[4] :] = others.reshape(len(others), e.size).T
         return every.reshape(*e.shape, edges[-1]), S.shape[2]
 
     def _differences(self, p: Array, requested: Sequence[_Difference]) -> tuple[Array, Array]:

@@ -229,3 +229,22 @@ class Sets:
             if not scores[k] > score + 1e-6:  # stops at NaN, too
                 return best
             best, score = tried[k], scores[k]
+
+
+class Behind:
+    """A refit that is to reach an evidence.
+
+    Parameters
+    ----------
+    included : (causes,) inclusion mask of the refit.
+    evidence : of causes, to be reached.
+    """
+
+    def __init__(self, included: Mask, evidence: float) -> None:
+        self.included, self.evidence, self.last = included, evidence, np.inf
+
+    def __call__(self, sets: Sets) -> bool:
+        """Whether it will not, by its scores after a step: it lacks more than its further, halved steps may gain."""
+        lacking = self.evidence - sets.base - sets.score(self.included)
+        moved, self.last = abs(self.last - lacking), lacking
+        return bool(lacking > CAL.steps_behind * moved)

@@ -31,7 +31,7 @@ from .model_error import (
 )
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState
-from .sparse import Quadratic, Sets
+from .sparse import Behind, Quadratic, Sets
 from .steps import DampedSteps
 
 
@@ -225,7 +225,8 @@ class JointSearch:
                 swap = better.included.copy()
                 swap[k], swap[j] = False, True
                 formed = replace(better, state=self.problem.formed(better.state, j, form))
-                tried = self.refitted(formed, swap, CAL.exchange_steps, trial=True)
+                behind = Behind(swap, better.cause_evidence)
+                tried = self.refitted(formed, swap, CAL.exchange_steps, trial=True, decided=behind)
                 if tried.cause_evidence > better.cause_evidence:  # given the same model error
                     better, k = tried, j
         if better is stage:
@@ -273,11 +274,15 @@ class JointSearch:
         stage, gains : the stage, and what each of its causes gains, (causes,) zero for those not included.
         """
         dismissed, together = np.zeros(len(stage.included), dtype=bool), set[tuple[int, int]]()
+        known = bool(np.all(gains[stage.included] > 0))  # by an earlier call, which returned this stage
         while True:
-            stage = self._converged(stage)
+            stage = stage if known else self._converged(stage)
             beyond = stage.sets.beyond(stage.included)
-            gains = np.where(beyond, 0.0, gains) if np.any(beyond) else self._gains(stage, prices, unsteady, gains)
-            steady = discounted(gains, unsteady)
+            if np.any(beyond):
+                gains = np.where(beyond, 0.0, gains)
+            elif not known:
+                gains = self._gains(stage, prices, unsteady, gains)
+            known, steady = False, discounted(gains, unsteady)
             weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.included & ~(steady >= prices)))
             if weak:
                 dismissed[weak] = True
@@ -349,7 +354,7 @@ class JointSearch:
 
     def _with_another(self, stage: JointStage, prices: Array, unsteady: Array, dismissed: Mask) -> JointStage | None:
         """The stage with one more cause that gains enough once all is refitted, none of those `dismissed`."""
-        while (new := self._worth_adding(stage, prices, dismissed)) is not None:
+        while (new := self._worth_adding(stage, prices, unsteady, dismissed)) is not None:
             dismissed[new] = True
             included, gains = stage.included.copy(), np.zeros(len(dismissed))
             included[new] = True
@@ -362,7 +367,7 @@ class JointSearch:
                 return self.refitted(tried, included, 1)
         return None
 
-    def _worth_adding(self, stage: JointStage, prices: Array, dismissed: Mask) -> int | None:
+    def _worth_adding(self, stage: JointStage, prices: Array, unsteady: Array, dismissed: Mask) -> int | None:
         """The cause that gains most beside a stage's, to first order, if that is enough; `dismissed` ones are left out.
 
         Its magnitude may go to its bounds: a refit corrects what the secant does not hold for.
@@ -372,7 +377,7 @@ class JointSearch:
         for k in np.flatnonzero(~stage.included & ~dismissed):
             included = stage.included.copy()
             included[k] = True
-            worth = here - sets.cost(included) - prices[k]
+            worth = float(discounted(here - sets.cost(included), unsteady[k])) - prices[k]
             if worth > most and sets.score(included) > sets.score(stage.included):
                 best, most = int(k), worth
         return best
@@ -388,14 +393,21 @@ class JointSearch:
         gradual = problem.causes[k].gradual
         if gradual and not price <= gain < CAL.doubted * price:
             return gain
-        without = self.refitted(stage, included, trial=True)
-        simulated = without.sets.cost(included) - stage.sets.cost(stage.included)
+        here, far = stage.sets.cost(stage.included), CAL.doubted * price
+        without = self.refitted(
+            stage, included, trial=True, decided=lambda sets: not price <= sets.cost(included) - here < far
+        )
+        simulated = without.sets.cost(included) - here
         return min(gain, simulated) if gradual else simulated  # first order says little about abrupt ones
 
-    def refitted(self, stage: JointStage, included: Mask, steps: int = CAL.refits, trial: bool = False) -> JointStage:
+    def refitted(
+        self, stage: JointStage, included: Mask, steps: int = CAL.refits, trial: bool = False,
+        decided: Callable[[Sets], bool] | None = None,
+    ) -> JointStage:  # fmt: skip
         """A stage with another set of causes, everything refitted in the same model error.
 
-        On trial, abrupt causes that are not included keep their last columns: they stay within their zones.
+        On trial, abrupt causes that are not included keep their last columns: they stay within their zones. Scores of
+        sets that are `decided` end the refit.
         """
         state, quadratic, variance = stage.state, stage.quadratic, self.variance(included)
         if not trial:
@@ -407,7 +419,7 @@ class JointSearch:
             state, last = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
             state, quadratic = self._linear(state, stage.whitener, False, variance)
             steps -= about_it
-            if about_it and last:
+            if (about_it and last) or (decided is not None and decided(self._sets(quadratic))):
                 break
         return replace(stage, state=state, included=included, quadratic=quadratic, sets=self._sets(quadratic))
 

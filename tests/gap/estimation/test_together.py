@@ -193,7 +193,7 @@ def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
     first = np.array([True, False])
     stage = search.settled(search.problem.begin(), 1.0, search.variance(first), included=first)
     assert stage.sets.score(np.ones(2, dtype=bool)) == -np.inf
-    assert search._worth_adding(stage, np.full(2, 8.0), np.zeros(2, dtype=bool)) == 1
+    assert search._worth_adding(stage, np.full(2, 8.0), np.zeros(2), np.zeros(2, dtype=bool)) == 1
 
 
 @pytest.mark.parametrize(("size", "slope"), [(0.6, 1.2), (0.4, 0.8), (0.2, 0.4)])
