@@ -1,16 +1,17 @@
 """What runs of one vehicle have in common, and by how much its numbers differ from run to run.
 
 Numbers of a run are those of the vehicle, c, and for some of them a deviation d_k, normal about zero with a standard
-deviation S between runs: its square has an inverse gamma prior about the usual scatter and is estimated by
-expectation-maximisation, in which every run counts by its information (Dempster, Laird & Rubin, J. R. Statist. Soc. B
-39, 1977; Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are explained at once, by Gauss-Newton on
-their innovations.
+deviation S between runs. Logarithms of S have a normal prior, in which vehicles differ and numbers of a vehicle do, and
+are estimated from the marginal likelihood of the differences between runs; how uncertain they are is part of the
+scatter that is expected of a further run (Gelman et al., Bayesian Data Analysis, 3rd ed., Ch. 5). All runs are
+explained at once, by Gauss-Newton on their innovations.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -141,7 +142,6 @@ def common(
     weigher: Weigher,
     rides: Sequence[FollowedRun],
     usual: Mapping[str, float],
-    prior_runs: Mapping[str, float],
     start: Common | None = None,
     settled: float = CAL.between_settled,
 ) -> Common:
@@ -152,7 +152,6 @@ def common(
     weigher : of rides.
     rides : of one vehicle, to which nothing was done between them.
     usual : name -> usual standard deviation between runs, of numbers that may differ.
-    prior_runs : name -> number of runs that this counts as; infinite: it is not estimated.
     start : earlier estimates.
     settled : log-likelihood; the search ends where a step is expected to gain less.
     """
@@ -161,9 +160,7 @@ def common(
     varying = np.array([k for k, number in enumerate(numbers) if number.name in usual], dtype=int)
     m = len(varying)
     prior = np.array([usual[numbers[k].name] for k in varying])
-    scatter, runs_of = prior.copy(), np.array([prior_runs[numbers[k].name] for k in varying])
-    learned = np.isfinite(runs_of)
-    counted = np.where(learned, runs_of, 1.0)
+    scatter = prior.copy()
     mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
     u = middle = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
@@ -187,51 +184,68 @@ def common(
         value[:n, :n] += np.diag(known)
         return value
 
-    def squares(of: Array, u: Array, covariance: Array) -> Array:
-        """(varying,) expected sums of squares of linear functions of the unknowns."""
-        spread = np.diag(of @ covariance @ of.T)
-        return np.asarray(np.sum(((of @ u) ** 2 + spread).reshape(runs, m), axis=0), dtype=float)
-
-    def common_factor(informed: Array, pull: Array) -> float:
-        """The vehicle's factor, squared: by differences between runs alone, which are linear in what recordings inform.
-
-        Each square has a scaled inverse chi-squared prior about the usual one (Smyth, Stat. Appl. Genet. Mol. Biol. 3,
-        2004), times a factor that all numbers of a vehicle share, with a gamma prior about one: if runs agree in every
-        number, this says more than each number by itself. It is one where recordings do not distinguish it from that.
-        """
-        expected, several = counted * prior**2, float(np.max(counted[learned]))
-        apart = np.kron(np.eye(runs) - 1.0 / runs, np.eye(m)) @ beyond_vehicle
-        factor, scatter, evidence = 1.0, prior, list[float]()
-        for _ in range(CAL.steps_of_scatter):
-            P, before = precision(scatter, varying), scatter
-            covariance, r = np.asarray(np.linalg.inv(informed + P), dtype=float), pull + P @ middle
-            evidence.append(0.5 * float(r @ covariance @ r - middle @ P @ middle))
-            evidence[-1] -= 0.5 * float(np.linalg.slogdet(informed + P)[1]) - 0.5 * float(np.linalg.slogdet(P)[1])
-            seen, degrees = squares(apart, covariance @ r, covariance), counted + runs - 1
-            each = expected * degrees / (expected * factor + seen)
-            factor = (float(np.sum(counted[learned])) + several) / (float(np.sum(each[learned])) + several)
-            scatter = np.where(learned, np.sqrt((expected * factor + seen) / degrees), prior)
-            if np.all(np.abs(scatter - before) < CAL.settled_scatter**2 * before):
-                break
-        return factor if evidence[-1] - evidence[0] > CAL.alike else 1.0
-
-    factor = 1.0
     for _ in range(CAL.rounds_of_scatter):
         P, before = precision(scatter), scatter
         u, last = _most_probable(weigher, rides, places, u, (middle, P), (low, high), settled=settled)
-        everything = np.asarray(np.linalg.inv(last.H), dtype=float)
-        if runs > 1 and np.any(learned):
-            informed = last.H - P  # by the recordings, to second order
-            factor = common_factor(informed, informed @ u - last.g + P @ (u - middle))
-        usual_squares = counted * factor * prior**2 + squares(beyond_vehicle, u, everything)
-        scatter = np.where(learned, np.sqrt(usual_squares / (counted + runs)), prior)
+        if runs == 1:  # which shows no scatter
+            break
+        informed = last.H - P  # by the recordings, to second order
+        pull = informed @ u - last.g + P @ (u - middle) + precision(prior, varying) @ middle
+        scatter = _scatter(partial(precision, free=varying), informed, pull, beyond_vehicle, prior, scatter)
         if np.all(np.abs(scatter - before) < CAL.settled_scatter * before):
             break
+    everything = np.asarray(np.linalg.inv(last.H), dtype=float)
     spread = np.sqrt(np.diag(beyond_vehicle @ everything @ beyond_vehicle.T))
     deviations, sds = (each.reshape(runs, m) @ among_all for each in (beyond_vehicle @ u, spread))
     return Common(
         numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], scatter @ among_all, deviations, sds, weigher
     )  # fmt: skip
+
+
+def _scatter(
+    precision: Callable[[Array], Array],
+    informed: Array,
+    pull: Array,
+    beyond_vehicle: Array,
+    usual: Array,
+    start: Array,
+) -> Array:
+    """Root mean squares of scatters between runs: of what they are estimated to be and how uncertain this is.
+
+    Logarithms of scatters have a normal prior with a common part of all numbers of a vehicle; its root mean squares are
+    usual. They are estimated from their marginal likelihood by Fisher scoring, with Laplace's covariance (Patterson &
+    Thompson, Biometrika 58, 1971: of differences between runs alone; MacKay, Neural Computation 11, 1999).
+
+    Parameters
+    ----------
+    precision : prior one of all unknowns, by scatters, if the vehicle's numbers may be anything.
+    informed, pull : Hessian by recordings; posterior precision times most probable unknowns.
+    beyond_vehicle : unknowns -> deviations of runs, all numbers of one after the other.
+    usual, start : (numbers,) scatters.
+    """
+    m = len(usual)
+    runs = len(beyond_vehicle) // m
+    apart = CAL.scatters_apart**2 * np.eye(m) + CAL.vehicles_apart**2
+    middle, firm = np.log(usual) - np.diag(apart), np.linalg.inv(apart)  # a log-normal's mean square
+
+    def curve(logarithms: Array) -> Curve:
+        scatter, off = np.exp(logarithms), logarithms - middle
+        P = informed + precision(scatter)
+        covariance = np.asarray(np.linalg.inv(P), dtype=float)
+        u = covariance @ pull
+        value = 0.5 * float(np.linalg.slogdet(P)[1] - pull @ u + off @ firm @ off) + runs * float(np.sum(logarithms))
+        each = np.tile(scatter, runs)
+        deviations, shared = (beyond_vehicle @ u) / each, beyond_vehicle @ covariance @ beyond_vehicle.T
+        shared = shared / np.outer(each, each)
+        squares = (deviations**2 + np.diag(shared)).reshape(runs, m)
+        told = ((np.eye(runs * m) - shared) ** 2).reshape(runs, m, runs, m)  # shares that recordings determine
+        return Curve(value, np.sum(1.0 - squares, axis=0) + firm @ off, 2.0 * np.sum(told, axis=(0, 2)) + firm)
+
+    ends = np.full(m, np.inf)
+    logarithms, last = descended(
+        lambda u: curve(u).cost, curve, np.log(start), -ends, ends, CAL.amplitudes_settled, CAL.scatters_stride
+    )
+    return np.asarray(np.exp(logarithms + np.diag(np.linalg.inv(last.H))), dtype=float)
 
 
 def change_sds(information: Array, prior: Array) -> Array:

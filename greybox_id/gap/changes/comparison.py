@@ -24,6 +24,7 @@ from .between_runs import Common, values_of
 from .columns import ByColumns
 from .innovations import FollowedRun
 from .search import NONE, ChangeSearch, Places
+from .usual import GAINS, LEVER_ARM
 
 
 @dataclass(frozen=True)
@@ -106,7 +107,7 @@ class ChangeComparison:
     def _doubt(self, places: Places, place: int) -> str:
         """Why a change is not applied, although it gains what it must; "" if it is."""
         one, probability, mean = self.known.numbers[place], self.search.probability(place), self.mean(places)
-        if self._closure(self.others, self.names[1], self.mean(places - {place}), mean).closed_interval[0] <= 0:
+        if self._closure(self.others, self.names[1], self.mean(places - {place}), mean).closed <= 0:
             return "it does not improve predictions of held-out recordings"
         if probability <= CAL.present:
             members = self.search.alike(places, place)
@@ -118,8 +119,14 @@ class ChangeComparison:
             return "it is at its bound: a symptom of another cause, not an estimate"
         return ""
 
-    def ranking(self) -> tuple[Ranked, ...]:
-        """Changes that two columns show, those that are applied, then others that were tried."""
+    def ranking(self, louder: float = 1.0) -> tuple[Ranked, ...]:
+        """Changes that two columns show, those that are applied, then others that were tried.
+
+        Parameters
+        ----------
+        louder : how much larger errors are than before; if larger, sizes are less certain by as much (Birge, Physical
+            Review 40, 1932).
+        """
         result = [self._ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
                   for place, by in self.direct.items()]  # fmt: skip
         first = sorted(self.places, key=lambda place: -self.search.change(self.places, place).total)
@@ -128,11 +135,24 @@ class ChangeComparison:
             one = self.search.change(places, place)
             if one.beyond > CAL.reach_sd:
                 why = "it is implausibly large: a symptom of another cause, not an estimate"
-            sd = float(np.hypot(one.shift[1], self.known.scatter[place]))
+            sd = max(louder, 1.0) * float(np.hypot(one.shift[1], self.known.scatter[place]))
+            sd = float(np.hypot(sd, self._form(place) * one.shift[0]))
             mates = self.search.alike(places, place) if place in self.places or place in self.doubted else ()
             alike, p = tuple(self.effect(mate) for mate in mates), self.search.probability(place)
             result.append(self._ranked(place, one.shift[0], sd, p, one.total, indistinguishable_from=alike, reason=why))
         return tuple(result)
+
+    def _form(self, place: int) -> float:
+        """Standard deviation of a change that is due to inexact equations, relative.
+
+        How far a sensor is mounted away shows by what the yaw rate adds: if the equations need a gain of the gyro that
+        no gyro has, one of them is off by as much.
+        """
+        form = CAL.form_of_size
+        if self.known.numbers[place].name == LEVER_ARM:
+            gains = [abs(float(self.known.x[k])) for k, one in enumerate(self.known.numbers) if one.name in GAINS]
+            form = max(form, *gains) if gains else form
+        return form
 
     def _ranked(self, place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
         """An effect with its magnitude."""
@@ -184,7 +204,7 @@ class ChangeComparison:
         loud = self.left_over(mean)
         odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
         unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
-        channels, ranking = self._channels(), self.ranking()
+        channels, ranking = self._channels(), self.ranking(loud)
         applied = {place: self.effect(place) for place in (*self.direct, *self.places)}
         order = [one.effect for one in ranking if one.effect in applied.values()]
         applied = dict(sorted(applied.items(), key=lambda item: order.index(item[1])))

@@ -61,7 +61,10 @@ class Change:
 
 
 def margin(total: float, gain: float, held_out: float, beyond: float, cost: float, count: int = 1) -> float:
-    """Least margin of the gains of some changes over those required of each: of all recordings, chosen, and judged.
+    """Margin of the gain of some changes over what is required of each: on all recordings, or the least margin.
+
+    Log evidences of recordings add up, the judging ones given what the others chose. Where these gain less than
+    required, or those where changes were chosen, the smallest of the three margins counts.
 
     Parameters
     ----------
@@ -71,7 +74,8 @@ def margin(total: float, gain: float, held_out: float, beyond: float, cost: floa
     """
     if beyond > CAL.reach_sd:
         return -np.inf
-    return min(total - count * cost, min(gain, held_out) - count * CAL.cost_held_out)
+    everywhere = min(gain, held_out) - count * CAL.cost_held_out
+    return total - count * cost if everywhere > 0 else min(total - count * cost, everywhere)
 
 
 class ChangeSearch:

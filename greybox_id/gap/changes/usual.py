@@ -34,8 +34,7 @@ LEVER_ARM = "velocity_lever_arm"
 LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
 """Of these, latencies of sensors."""
 SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
-"""Of these, what data sheets of sensors specify: it hardly differs from run to run, and its scatter is not
-estimated."""
+"""Of these, those of sensors."""
 TIMED = ("steering_delay",)
 """Of these, delays: they include that between the clocks of commands and readings, and may be negative."""
 
@@ -46,8 +45,7 @@ def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
     A number of the model's equations that bears an effect's name is that effect.
     """
     name, whole = effect.parameter.name, {*effect.touches} <= {*read}
-    together = name in LATENCIES and "v_y" in read  # from poses or inertial navigation: the yaw rate is not late alone
-    return (effect.concerns(model) or name in model) and (name not in SPECIFIED or whole) and not together
+    return (effect.concerns(model) or name in model) and (name not in SPECIFIED or whole)
 
 
 def numbers_of(
@@ -74,7 +72,7 @@ def numbers_of(
         of = USUAL[TIMED[0]] if name in LATENCIES else between  # clocks shift delays and latencies alike
         wide, change = CAL.filters / 2 if name in GAINS else CAL.nominal * of, CAL.widened * of
         if name == LEVER_ARM:  # a sensor stays where it is, but may be remounted anywhere
-            change = CAL.of_wheelbase * wheelbase
+            change = CAL.remounted * wheelbase
             wide = change if mean == null else wide
         if effect.group == "tyres" and tyres:  # the tyres' parameters already hold its mean
             wide = CAL.indifference * between
@@ -174,18 +172,17 @@ def usual(
     tell(f"estimating the usual values of effects from {the_recordings([one.recording.name for one in rides])}")
     nominal = values_of(known, np.array([item.mean for item in known]))
     scatter = {one.name: one.usual for one in known if one.usual} | dict.fromkeys(filtered, CAL.filters)
-    prior_runs = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    result = common(weigher, rides, scatter, prior_runs, settled=CAL.enough)  # only for sizes of noise
+    result = common(weigher, rides, scatter, settled=CAL.enough)  # only for sizes of noise
     follower.tune(rides, values_of(known, result.x))
     at = zip(rides, result.x + result.deviations, strict=True)
     innovations = [innovation for ride, x in at for innovation in weigher.innovations(ride, x)]
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
-    result = common(replace(weigher, noise=noise), rides, scatter, prior_runs, result)
+    result = common(replace(weigher, noise=noise), rides, scatter, result)
     tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))
     tell("estimating the scatter between runs")
-    return common(tempered, rides, scatter, prior_runs, result)
+    return common(tempered, rides, scatter, result)
 
 
 def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:

@@ -18,6 +18,7 @@ DRAWN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901
 AGAIN = "workshop seed 811 (24 nulls, 31 others), fiala and exponential seed 901 (12 nulls, 20 others)"
 FOREIGN = "foreign tier, fiala and exponential, seed 1301 (8 nulls, 24 singles, 40 outside the vocabulary)"
 RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ramps, laps), 20 pairs"
+FOUR = "unchanged recordings of four vehicles: DART free (8), RoboRacer train (5), truck train (10), Ferrari first (7)"
 PAIRS = "changed tier, development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
@@ -212,8 +213,15 @@ class Calibration:
     scatter_sensor_latency_yaw: float = _known(
         0.001, "sd of the latency, s, of a gyro, alone or with accelerometers: its period, data sheets of MEMS ones"
     )
-    usual_runs: float = _known(4.0, "runs that a usual scatter counts as: as many as it was learned from per condition")
+    vehicles_apart: float = _known(
+        0.9, "sd between vehicles of the logarithm of all their scatters: by marginal likelihood", FOUR
+    )
+    scatters_apart: float = _known(0.85, "the same between numbers of a vehicle, each over its usual one", FOUR)
+    scatters_stride: float = _known(1.0, "longest step of these logarithms: scoring is of first order")
     nominal: float = _known(3.0, "sd of a vehicle's own mean where it is not stated, in scatters between runs")
+    remounted: float = _known(
+        0.5, "prior sd of a change of where speed is measured, over the wheelbase: any place on 1.7 wheelbases of car"
+    )
     widened: float = _known(8.0, "prior sd of a change, in scatters: 80 ms of 13 ms, half the grip of 5 %")
     cost_held_out: float = _known(
         2.0, "log-likelihood that a change gains where chosen and where judged: pairs driven alike gained 0.5", PAIRS
@@ -381,8 +389,9 @@ class Calibration:
     damping: float = _known(1e-3, "least nonzero damping of such steps, over the Hessian's diagonal: Nielsen's first")
     least_promise: float = _known(0.01, "of between_settled, below which a damped step is not tried: noise of costs")
     rounds_of_scatter: int = _known(4, "rounds in which scatter is estimated, numbers refitted in each")
-    steps_of_scatter: int = _known(200, "steps of its estimate in each, numbers linearised: they settle")
-    settled_scatter: float = _known(0.03, "relative change of a scatter, below which rounds end")
+    settled_scatter: float = _known(
+        0.1, "relative change of a scatter, below which rounds end: three runs leave its logarithm an sd of .3 to .9"
+    )
     most_rows: int = _known(24_000, "rows that are examined at most, four minutes at 100 Hz: time is in proportion")
     thinnest: float = _known(0.05, "s between rows that free runs are fitted to: a tenth of a vehicle's yaw motion")
     excerpt_block: float = _known(20.0, "s of the blocks of an excerpt: long compared with any motion")

@@ -118,9 +118,22 @@ def test_a_change_counts_by_all_recordings_and_by_those_that_did_not_choose_it()
         return margin(chosen + (judged if apart else 0.0), chosen, judged, 0.0, cost)
 
     assert least(cost + 50.0, elsewhere - 1.0) == pytest.approx(-1.0)
-    assert least(elsewhere + 0.5, elsewhere + 4.0) == pytest.approx(0.5)
+    assert least(elsewhere + 0.5, elsewhere + 40.0) == pytest.approx(2 * elsewhere + 40.5 - cost)  # both suffice
+    assert least(elsewhere + 0.5, elsewhere + 1.0) == pytest.approx(2 * elsewhere + 1.5 - cost)
     assert least(elsewhere - 1.0, cost + 50.0) == pytest.approx(-1.0)
     assert least(cost - 1.0, elsewhere + 90.0, apart=False) == pytest.approx(-1.0)
+
+
+def test_of_two_names_that_one_recording_hardly_tells_apart_the_other_recording_decides():
+    def of(alike):
+        return [[1.0, 1.0 - alike, 0.0, 0.0], [0.0, alike, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+
+    grip, arm = NAMES.index("grip"), NAMES.index("arm")
+    first, second = ride({"grip": 0.8}, of(0.05), 1), ride({"grip": 0.8}, of(0.6), 2)
+    search = ChangeSearch(KNOWN, [first], [second])
+    assert named(search) == {"grip"}
+    gap = search.total(frozenset({grip})) - search.total(frozenset({arm}))
+    assert search.weight(frozenset({grip})) - search.weight(frozenset({arm})) > 0.9 * gap > 3.0
 
 
 def test_what_would_be_further_off_than_ever_changes_is_no_change():
