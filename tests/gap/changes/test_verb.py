@@ -76,7 +76,7 @@ def test_runs_that_agree_make_a_change_of_usual_scatter_show():
 def test_errors_that_no_change_explains_are_an_alarm():
     louder = [lap(seconds=20.0, seed=k) for k in (3, 4)]
     rng = np.random.default_rng(5)  # a yaw rate that wanders within seconds
-    louder = [own.with_signals(yaw_rate=own["yaw_rate"] + 0.03 * np.sin(own.time * rng.uniform(2.0, 3.0)))
+    louder = [own.with_signals(yaw_rate=own["yaw_rate"] + 0.04 * np.sin(own.time * rng.uniform(2.0, 3.0)))
               for own in louder]  # fmt: skip
     before = [lap(seconds=20.0, seed=k) for k in (1, 2)]
     found = diagnose_change(nominal(vehicle=TOLERANT), louder[:1], before, EFFECTS, vehicle=TOLERANT,
