@@ -210,10 +210,10 @@ def _scatter(
     usual: Array,
     start: Array,
 ) -> Array:
-    """Root mean squares of scatters between runs: of what they are estimated to be and how uncertain this is.
+    """Posterior means of scatters between runs: the less is known of one, the larger is its mean.
 
-    Logarithms of scatters have a normal prior with a common part of all numbers of a vehicle; its root mean squares are
-    usual. They are estimated from their marginal likelihood by Fisher scoring, with Laplace's covariance (Patterson &
+    Logarithms of scatters have a normal prior with a common part of all numbers of a vehicle; usual scatters are its
+    means. They are estimated from their marginal likelihood by Fisher scoring, with Laplace's covariance (Patterson &
     Thompson, Biometrika 58, 1971: of differences between runs alone; MacKay, Neural Computation 11, 1999).
 
     Parameters
@@ -226,7 +226,7 @@ def _scatter(
     m = len(usual)
     runs = len(beyond_vehicle) // m
     apart = CAL.scatters_apart**2 * np.eye(m) + CAL.vehicles_apart**2
-    middle, firm = np.log(usual) - np.diag(apart), np.linalg.inv(apart)  # a log-normal's mean square
+    middle, firm = np.log(usual) - 0.5 * np.diag(apart), np.linalg.inv(apart)  # of a log-normal with this mean
 
     def curve(logarithms: Array) -> Curve:
         scatter, off = np.exp(logarithms), logarithms - middle
@@ -245,7 +245,7 @@ def _scatter(
     logarithms, last = descended(
         lambda u: curve(u).cost, curve, np.log(start), -ends, ends, CAL.amplitudes_settled, CAL.scatters_stride
     )
-    return np.asarray(np.exp(logarithms + np.diag(np.linalg.inv(last.H))), dtype=float)
+    return np.asarray(np.exp(logarithms + 0.5 * np.diag(np.linalg.inv(last.H))), dtype=float)
 
 
 def change_sds(information: Array, prior: Array) -> Array:
