@@ -14,6 +14,7 @@ from ..base.numbers import number, pretty_unit
 from ..datasets.checks import doubts
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
+from ..datasets.spins import span, spins, without_spins
 from ..engine.motion.traced import traced_once
 from ..engine.simulation import Diagnosed
 from ..fitting.scores.horizons import by_horizon
@@ -87,15 +88,24 @@ def diagnose(
     """
     del seed
     tell = say or (lambda line, **_: None)
+    left_out = tuple(_spun(one, out) for one in recordings if (out := spins(one)))
+    recordings, held_out = ([without_spins(one) for one in part] for part in (recordings, held_out))
     with traced_once(), threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         result = examine(model, recordings, effects, vehicle, tell)
         doubted = restated(recordings, result.recordings)
         gap = answer(result, otherwise(held_out) if doubted else held_out, tell)
-        gap = replace(gap, doubts=(*gap.doubts, *doubted))
+        gap = replace(gap, doubts=(*gap.doubts, *left_out, *doubted))
         if not horizons or gap.closed is None:
             return gap
         errors = by_horizon(model, gap.closed, result.recordings, result.sd)
         return replace(gap, gap=replace(gap.gap, errors=errors))
+
+
+def _spun(recording: Recording, out: Sequence[tuple[int, int]]) -> str:
+    return (
+        f"{recording.name}: the vehicle spins {listed([span(recording, a, b) for a, b in out])}. No model of handling "
+        "describes that: these rows are left out"
+    )
 
 
 def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:

@@ -15,10 +15,10 @@ from ..recording import Recording
 from ..repair import repaired
 from .consistency import check_consistency, check_duplicates, check_rest
 from .delays import check_delays
-from .drive import check_asleep, check_drive
+from .drive import check_asleep, check_drive, check_spins
 from .dropouts import check_dropouts
 from .explanations import with_sizes
-from .finding import FaultCause, Finding, Severity
+from .finding import FaultCause, Finding, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
 from .repeats import check_repeats
@@ -104,6 +104,8 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
         against = check_consistency(recording, result, wheelbase)
         findings += [*_left(recording, faults, against, wheelbase), *check_delays(recording, result)]
         findings = with_sizes(recording, findings)
+        if not distrusted(findings):  # readings of the wrong sign or unit would look like a spin
+            findings += check_spins(recording)
     if any(item.kind == "short" for item in findings):  # it already says why nothing could be checked
         findings = [item for item in findings if item.kind != "unchecked"]
     gravest = list(Severity)[::-1]

@@ -11,6 +11,7 @@ from ...base.shorthands import Array
 from ...base.signals import SD
 from ...base.statistics import white_noise_sd
 from ..recording import Recording
+from ..spins import span, spins
 from .finding import Finding, FoundAt, Severity, file_row, listed
 from .frozen import check_frozen
 from .pairs import smooth
@@ -184,6 +185,19 @@ def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) ->
         if best > USUAL:
             break
     return best
+
+
+def check_spins(r: Recording) -> list[Finding]:
+    """Rows in which the vehicle spins."""
+    if not (out := spins(r)):
+        return []
+    rows = tuple(row for a, b in out for row in range(a, b))
+    sentence = (
+        f"the vehicle spins {listed([span(r, a, b) for a, b in out])}. No model of handling describes these rows; "
+        "`gap` leaves them out. Leave them out of a fit."
+    )
+    return [Finding("spins", Severity.WARNING, FoundAt("yaw_rate", rows=rows), sentence, len(rows) * r.sample_time,
+                    None, "s")]  # fmt: skip
 
 
 def check_asleep(r: Recording) -> list[Finding]:
