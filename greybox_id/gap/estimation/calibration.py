@@ -311,7 +311,7 @@ class Calibration:
     refits_of_set: int = _known(4, "most times that a set of causes is refitted by as many steps as below", SEARCHED)
     exchange_steps: int = _known(6, "most steps with a cause in another one's place: secants halve errors")
     steps_behind: float = _known(
-        3.0, "of the last of them, by which it may lack evidence and go on: halved steps add up to one more", DEFINED
+        3.0, "of the last of them: what further ones change at most; as they halve, they add up to one", DEFINED
     )
     dampings: tuple[float, ...] = _known(
         (0.0, *(10.0**k for k in range(7))),

@@ -389,16 +389,18 @@ class JointSearch:
         if at_null and not problem.smooth[k]:
             return 0.0  # simulated with no effect
         included[k] = False
-        gain = stage.sets.cost(included) - stage.sets.cost(stage.included)
-        gradual = problem.causes[k].gradual
-        if gradual and not price <= gain < CAL.doubted * price:
-            return gain
-        here, far = stage.sets.cost(stage.included), CAL.doubted * price
-        without = self.refitted(
-            stage, included, trial=True, decided=lambda sets: not price <= sets.cost(included) - here < far
-        )
-        simulated = without.sets.cost(included) - here
-        return min(gain, simulated) if gradual else simulated  # first order says little about abrupt ones
+        here, gradual = stage.sets.cost(stage.included), problem.causes[k].gradual
+        gains = [stage.sets.cost(included) - here]
+        if gradual and not price <= gains[0] < CAL.doubted * price:
+            return gains[0]
+
+        def decided(sets: Sets) -> bool:
+            gains.append(sets.cost(included) - here)
+            far = max(CAL.doubted * price, price + CAL.steps_behind * abs(gains[-1] - gains[-2]))
+            return not price <= gains[-1] < far
+
+        simulated = self.refitted(stage, included, trial=True, decided=decided).sets.cost(included) - here
+        return min(gains[0], simulated) if gradual else simulated  # first order says little about abrupt ones
 
     def refitted(
         self, stage: JointStage, included: Mask, steps: int = CAL.refits, trial: bool = False,

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve
-from scipy.spatial.distance import cdist
 
 from ...base.shorthands import Array, Mask
 from ...datasets.recording import Recording
@@ -160,7 +159,7 @@ def course(
         at = coordinates[knots]
         response = responses(bench, p, axis.index, _weights(coordinates, at, reach))
         W = whitener.white(response).reshape(len(r), len(knots))
-        prior = wander.sd**2 * np.exp(-cdist(at, at) / reach)
+        prior = wander.sd**2 * np.exp(-_apart(at, at) / reach)
         value, covariance, evidence = _posterior(W, prior, J, precision, off, r)
         here = places.at(knots) if along == PATH else Places(places.time[knots], *[np.empty(0)] * 4)
         one = MagnitudeCourse(
@@ -260,8 +259,15 @@ def _knots(coordinates: Array, apart: float) -> Array:
 
 def _weights(coordinates: Array, knots: Array, reach: float) -> Array:
     """(N, knots) by which the process is interpolated between knots."""
-    between = cho_factor(np.exp(-cdist(knots, knots) / reach))
-    return np.asarray(cho_solve(between, np.exp(-cdist(knots, coordinates) / reach)).T)
+    between = cho_factor(np.exp(-_apart(knots, knots) / reach))
+    return np.asarray(cho_solve(between, np.exp(-_apart(knots, coordinates) / reach)).T)
+
+
+def _apart(these: Array, those: Array) -> Array:
+    """(these, those) distances."""
+    from scipy.spatial.distance import cdist  # imported here: few diagnoses follow a course
+
+    return np.asarray(cdist(these, those))
 
 
 def _filled(values: Array) -> Array:

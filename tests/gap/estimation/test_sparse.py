@@ -1,13 +1,14 @@
 """Sets of causes by their evidence, against the Gaussian density that it is; what is not wanted falls to its zone."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from greybox_id.gap.estimation.problem import Linear
-from greybox_id.gap.estimation.sparse import Quadratic, Sets
+from greybox_id.gap.estimation.sparse import Behind, Quadratic, Sets
 
 ODDS, ZONE, USUAL = 4.0, 0.01, 1.0
 
@@ -163,3 +164,18 @@ def test_evidence_switches_off_what_a_recording_does_not_want():
     best = squares.best(variance)
     np.testing.assert_allclose(best[2:][there], [0.8, -0.6], atol=0.2)
     assert np.all(np.abs(best[2:][~there]) < 0.15)
+
+
+@pytest.mark.parametrize(
+    ("scores", "ends"),
+    [
+        ([-20.0, -19.9], [False, True]),  # 20 behind, after a step of 0.1
+        ([-20.0, -12.0, -8.0, -7.5], [False, False, False, True]),
+        ([-np.inf, -np.inf, -2.0, -1.0], [False, False, False, False]),  # a magnitude was beyond its bounds
+        ([-1.0, 1.0, 1.1], [False, False, False]),  # it is ahead
+    ],
+)
+def test_a_refit_is_given_up_where_its_steps_gain_too_little_for_what_it_lacks(scores, ends):
+    behind = Behind(np.ones(1, dtype=bool), 3.0)
+    steps = [SimpleNamespace(base=3.0, score=lambda included, score=score: score) for score in scores]
+    assert [behind(step) for step in steps] == ends

@@ -183,6 +183,38 @@ def test_what_gained_far_more_than_it_must_is_asked_once_nothing_else_leaves(mon
     assert asked == [0, 1]
 
 
+def test_a_stage_whose_gains_are_known_is_not_refitted_to_learn_them_again(monkeypatch):
+    X, nothing, prices = smooth_columns(3), np.zeros(3), np.full(3, 8.0)
+    search = together(linear_bench(X, [1.0, 0.6, 0.5], SD), [cause(k) for k in range(3)])
+    every = np.ones(3, dtype=bool)
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
+    stage, gains = search.pruned(stage, prices, nothing, nothing)
+    assert np.all(gains > prices)
+    before = search.problem.simulations
+    again, same = search.pruned(stage, prices, nothing, gains)
+    assert (again is stage, search.problem.simulations) == (True, before)
+    np.testing.assert_array_equal(same, gains)
+    unsteady = np.array([0.0, 0.0, 1.0])  # so that no gain is above a half
+    later, _ = search.pruned(stage, prices, unsteady, gains)
+    assert later.included.tolist() == [True, True, False]
+    assert search._worth_adding(later, prices, nothing, np.zeros(3, dtype=bool)) == 2
+    assert search._worth_adding(later, prices, unsteady, np.zeros(3, dtype=bool)) is None
+
+
+def test_a_refit_on_trial_ends_once_its_scores_decide():
+    X, every = smooth_columns(2), np.ones(2, dtype=bool)
+    search = together(linear_bench(X, [1.0, 0.6], SD), [cause(0), cause(1, gradual=False)])
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
+    asked, without = list[float](), np.array([True, False])
+
+    def decided(sets):
+        asked.append(sets.cost(without))
+        return True
+
+    tried = search.refitted(stage, without, trial=True, decided=decided)
+    assert asked == [tried.sets.cost(without)]
+
+
 def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
     """Where it was looked at, a size is bounded; refits say what it is beyond."""
     X = smooth_columns(2)
