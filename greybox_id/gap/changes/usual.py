@@ -33,8 +33,8 @@ LEVER_ARM = "velocity_lever_arm"
 """Of these, the place where speed is measured: files seldom state it."""
 LATENCIES = ("sensor_latency_yaw", "sensor_latency_imu")
 """Of these, latencies of sensors."""
-SPECIFIED = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
-"""Of these, those of sensors."""
+SENSORS = (*GAINS, *LATENCIES, "yaw_rate_bias", "accel_bias_y", "imu_mount_yaw", LEVER_ARM)
+"""Of these, those of sensors: they act on readings alone."""
 TIMED = ("steering_delay",)
 """Of these, delays: they include that between the clocks of commands and readings, and may be negative."""
 
@@ -45,7 +45,7 @@ def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
     A number of the model's equations that bears an effect's name is that effect.
     """
     name, whole = effect.parameter.name, {*effect.touches} <= {*read}
-    return (effect.concerns(model) or name in model) and (name not in SPECIFIED or whole)
+    return (effect.concerns(model) or name in model) and (name not in SENSORS or whole)
 
 
 def numbers_of(
