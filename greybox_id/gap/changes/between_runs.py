@@ -210,11 +210,12 @@ def _scatter(
     usual: Array,
     start: Array,
 ) -> Array:
-    """Posterior means of scatters between runs: the less is known of one, the larger is its mean.
+    """Root mean squares of the posterior of scatters between runs: the less is known of one, the larger they are.
 
-    Logarithms of scatters have a normal prior with a common part of all numbers of a vehicle; usual scatters are its
-    means. They are estimated from their marginal likelihood by Fisher scoring, with Laplace's covariance (Patterson &
-    Thompson, Biometrika 58, 1971: of differences between runs alone; MacKay, Neural Computation 11, 1999).
+    A further run differs by as much. Logarithms of scatters have a normal prior with a common part of all numbers of a
+    vehicle; usual scatters are its root mean squares. They are estimated from their marginal likelihood by Fisher
+    scoring, with Laplace's covariance (Patterson & Thompson, Biometrika 58, 1971: of differences between runs alone;
+    MacKay, Neural Computation 11, 1999).
 
     Parameters
     ----------
@@ -226,7 +227,7 @@ def _scatter(
     m = len(usual)
     runs = len(beyond_vehicle) // m
     apart = CAL.scatters_apart**2 * np.eye(m) + CAL.vehicles_apart**2
-    middle, firm = np.log(usual) - 0.5 * np.diag(apart), np.linalg.inv(apart)  # of a log-normal with this mean
+    middle, firm = np.log(usual) - np.diag(apart), np.linalg.inv(apart)  # of a log-normal with this root mean square
 
     def curve(logarithms: Array) -> Curve:
         scatter, off = np.exp(logarithms), logarithms - middle
@@ -245,7 +246,7 @@ def _scatter(
     logarithms, last = descended(
         lambda u: curve(u).cost, curve, np.log(start), -ends, ends, CAL.amplitudes_settled, CAL.scatters_stride
     )
-    return np.asarray(np.exp(logarithms + 0.5 * np.diag(np.linalg.inv(last.H))), dtype=float)
+    return np.asarray(np.exp(logarithms + np.diag(np.linalg.inv(last.H))), dtype=float)
 
 
 def change_sds(information: Array, prior: Array) -> Array:

@@ -106,15 +106,14 @@ class ChangeComparison:
 
     def _doubt(self, places: Places, place: int) -> str:
         """Why a change is not applied, although it gains what it must; "" if it is."""
-        one, probability, mean = self.known.numbers[place], self.search.probability(place), self.mean(places)
+        one, mean, members = self.known.numbers[place], self.mean(places), self.search.alike(places, place)
         if self._closure(self.others, self.names[1], self.mean(places - {place}), mean).closed <= 0:
             return "it does not improve predictions of held-out recordings"
-        if probability <= CAL.present:
-            members = self.search.alike(places, place)
-            alike = listed([self.effect(one) for one in members])
-            one_of = f"{self.search.probability(place, *members):.2f}"
-            beside = f"; {alike} would explain the recordings equally well, one of them with probability {one_of}"
-            return f"its probability is {probability:.2f}, not more than one half{beside if members else ''}"
+        if (
+            probability := self.search.probability(place, *members)
+        ) <= CAL.present:  # the best of a class stands for it
+            beside = f", that of one of {listed([self.effect(it) for it in (place, *members)])}" if members else ""
+            return f"its probability{beside} is {probability:.2f}, not more than one half"
         if not one.low < mean[place] < one.high:
             return "it is at its bound: a symptom of another cause, not an estimate"
         return ""
