@@ -112,8 +112,8 @@ class ChangeComparison:
         if (
             probability := self.search.probability(place, *members)
         ) <= CAL.present:  # the best of a class stands for it
-            beside = f", that of one of {listed([self.effect(it) for it in (place, *members)])}" if members else ""
-            return f"its probability{beside} is {probability:.2f}, not more than one half"
+            what = f"the probability of one of {listed([self.effect(it) for it in (place, *members)])}"
+            return f"{what if members else 'its probability'} is {probability:.2f}, not more than one half"
         if not one.low < mean[place] < one.high:
             return "it is at its bound: a symptom of another cause, not an estimate"
         return ""

@@ -16,14 +16,15 @@ ARM, OFFSET, GAIN = "velocity_lever_arm", "steering_offset", "yaw_rate_scale"
 SHIFT, SD = 0.5, 0.01
 
 
-def compared(named=NONE, gain=1.0):
+def compared(named=NONE, gain=1.0, probabilities=(0.9, 0.9), alike=()):
     shown = Change((SHIFT, SD), 1.0, 20.0, 5.0)
     names = {ARM: 0.0, OFFSET: 0.0, GAIN: np.log(gain)}
     numbers = tuple(VaryingNumber(name, name == GAIN, 0.0, 1.0, 1e-3, -4.0, 4.0, 0.01, 1.0) for name in names)
     known = SimpleNamespace(numbers=numbers, x=np.array([*names.values()]), scatter=np.zeros(3), varying=(0, 1, 2))
     search = SimpleNamespace(
         best=lambda of=None: named if of is None else NONE, tried=[0, 1], likeliest=lambda place: frozenset({place}),
-        change=lambda places, place: shown, probability=lambda *places: 0.9, alike=lambda places, place: (),
+        change=lambda places, place: shown, alike=lambda places, place: alike,
+        probability=lambda *places: sum(probabilities[k] for k in places) if alike else probabilities[places[0]],
         sets={places: SimpleNamespace(shift=np.array([SHIFT * (k in places) for k in range(3)]))
               for places in (NONE, frozenset({0}))},
     )  # fmt: skip
@@ -56,3 +57,20 @@ def test_a_change_is_refused_where_errors_held_out_are_no_smaller_with_it(monkey
     found = compared(frozenset({0}))
     assert found.places == (NONE if doubted else frozenset({0}))
     assert bool(found.doubted) is doubted
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "alike", "doubted"),
+    [((0.4, 0.3), (1,), False), ((0.4, 0.3), (), True), ((0.3, 0.1), (1,), True)],
+    ids=["a class that is sure", "alone", "a class that is not"],
+)
+def test_the_best_of_a_class_of_changes_stands_for_it(monkeypatch, probabilities, alike, doubted):
+    closes = Closure(1.8, 1.7, 1.0, 0.5, (0.4, 0.6), ())
+    monkeypatch.setattr(ChangeComparison, "_closure", lambda *given: closes)
+    found = compared(frozenset({0}), probabilities=probabilities, alike=alike)
+    assert found.places == (NONE if doubted else frozenset({0}))
+    if doubted and alike:
+        ((_, reason),) = found.doubted.values()
+        assert reason == (
+            "the probability of one of velocity_lever_arm and steering_offset is 0.40, not more than one half"
+        )
