@@ -33,6 +33,8 @@ def spins(recording: Recording) -> list[tuple[int, int]]:
     """Rows [a, b) in which the vehicle spins, from where its sideslip angle grows until it drives straight again."""
     if not recording.has("v_x", "yaw_rate") or not (recording.has("v_y") or recording.has("a_y")):
         return []
+    if not recording.sample_time > 0:  # nan if no two rows are consecutive
+        return []
     result = list[tuple[int, int]]()
     for start, stop in recording.runs:
         rows = np.arange(start, stop, max(1, round(STEP / recording.sample_time)))

@@ -88,8 +88,9 @@ def diagnose(
     """
     del seed
     tell = say or (lambda line, **_: None)
-    left_out = tuple(_spun(one, out) for one in recordings if (out := spins(one)))
+    given = recordings
     recordings, held_out = ([without_spins(one) for one in part] for part in (recordings, held_out))
+    left_out = tuple(_spun(one) for one, left in zip(given, recordings, strict=True) if left is not one)
     with traced_once(), threadpool_limits(1):  # matrices are tall and thin: further threads only wait for each other
         result = examine(model, recordings, effects, vehicle, tell)
         doubted = restated(recordings, result.recordings)
@@ -101,11 +102,10 @@ def diagnose(
         return replace(gap, gap=replace(gap.gap, errors=errors))
 
 
-def _spun(recording: Recording, out: Sequence[tuple[int, int]]) -> str:
-    return (
-        f"{recording.name}: the vehicle spins {listed([span(recording, a, b) for a, b in out])}. No model of handling "
-        "describes that: these rows are left out"
-    )
+def _spun(recording: Recording) -> str:
+    """A sentence on the rows that are left out, because the vehicle spins."""
+    when = listed([span(recording, a, b) for a, b in spins(recording)])
+    return f"{recording.name}: the vehicle spins {when}. No model of handling describes that: these rows are left out."
 
 
 def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Gap:

@@ -100,3 +100,17 @@ def test_check_names_them_unless_readings_are_wrong():
 def test_without_sideways_motion_nothing_is_said():
     r = moved(*turned(30.0, 12.0, 14.0, 1.5), ("v_x", "yaw_rate"))
     assert spins(r) == []
+
+
+def test_nothing_is_left_out_where_nothing_else_is_left():
+    path, sideslip, speed = turned(10.0, -1.0, 1000.0, 1.5)
+    r = moved(path, sideslip, speed, CHANNELS["v_y"])
+    assert spins(r) == [(0, len(r))]
+    assert without_spins(r) is r
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_rows_that_do_not_follow_each_other_hold_none(rows):
+    r = moved(*turned(30.0, 12.0, 14.0, 1.5), CHANNELS["v_y"])
+    alone = r.taken(np.arange(rows), [(k, k + 1) for k in range(rows)])
+    assert spins(alone) == []

@@ -239,8 +239,8 @@ def _scatter(
         deviations, shared = (beyond_vehicle @ u) / each, beyond_vehicle @ covariance @ beyond_vehicle.T
         shared = shared / np.outer(each, each)
         squares = (deviations**2 + np.diag(shared)).reshape(runs, m)
-        told = ((np.eye(runs * m) - shared) ** 2).reshape(runs, m, runs, m)  # shares that recordings determine
-        return Curve(value, np.sum(1.0 - squares, axis=0) + firm @ off, 2.0 * np.sum(told, axis=(0, 2)) + firm)
+        determined = ((np.eye(runs * m) - shared) ** 2).reshape(runs, m, runs, m)  # shares, by recordings
+        return Curve(value, np.sum(1.0 - squares, axis=0) + firm @ off, 2.0 * np.sum(determined, axis=(0, 2)) + firm)
 
     ends = np.full(m, np.inf)
     logarithms, last = descended(
