@@ -114,3 +114,13 @@ def test_rows_that_do_not_follow_each_other_hold_none(rows):
     r = moved(*turned(30.0, 12.0, 14.0, 1.5), CHANNELS["v_y"])
     alone = r.taken(np.arange(rows), [(k, k + 1) for k in range(rows)])
     assert spins(alone) == []
+
+
+def test_steering_that_a_spin_does_not_follow_is_no_other_drives():
+    path, sideslip, speed = turned(90.0, 40.0, 1000.0, 1.5)
+    sideslip = sideslip + 2.0 * np.clip(np.arange(len(path)) / RATE - 41.0, 0.0, None)
+    r = moved(path, sideslip, speed, ("v_x", "v_y", "yaw_rate", "a_x", "a_y"))
+    follows = np.where(r.time < 40.0, np.gradient(path - sideslip, 1 / RATE) * 0.3 / speed, 0.3 * np.sin(3.0 * r.time))
+    kinds = [finding.kind for finding in check(r.with_signals(steer=follows))]
+    assert "spins" in kinds
+    assert "unrelated" not in kinds

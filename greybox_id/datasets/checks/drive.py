@@ -11,7 +11,7 @@ from ...base.shorthands import Array
 from ...base.signals import SD
 from ...base.statistics import white_noise_sd
 from ..recording import Recording
-from ..spins import span, spins
+from ..spins import span, spins, without_spins
 from .finding import Finding, FoundAt, Severity, file_row, listed
 from .frozen import check_frozen
 from .pairs import smooth
@@ -71,7 +71,7 @@ def check_drive(r: Recording) -> list[Finding]:
             f"{'this' if what == 'moves' else 'lateral'} motion can be fitted to this recording."
         )
         return [Finding("still", Severity.WARNING, FoundAt(", ".join(names)), sentence)]
-    return _nothing_in_common(r)
+    return _nothing_in_common(without_spins(r))  # tyres that slide do not follow the steering
 
 
 def moves(parts: Sequence[Array]) -> bool:
