@@ -394,10 +394,9 @@ class JointSearch:
         if gradual and not price <= gains[0] < CAL.doubted * price:
             return gains[0]
 
-        def decided(sets: Sets) -> bool:
+        def decided(sets: Sets) -> bool:  # never by too small a gain: those that are furthest off leave first
             gains.append(sets.cost(included) - here)
-            far = max(CAL.doubted * price, price + CAL.steps_behind * abs(gains[-1] - gains[-2]))
-            return not price <= gains[-1] < far
+            return gains[-1] >= max(CAL.doubted * price, price + CAL.steps_behind * abs(gains[-1] - gains[-2]))
 
         simulated = self.refitted(stage, included, trial=True, decided=decided).sets.cost(included) - here
         return min(gains[0], simulated) if gradual else simulated  # first order says little about abrupt ones
@@ -418,8 +417,10 @@ class JointSearch:
             about_it = not np.any(
                 state.on & ~included & ~self.problem.smooth
             )  # else once more, without causes that left
-            state, last = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
-            state, quadratic = self._linear(state, stage.whitener, False, variance)
+            moved, last = self._stepped(state, quadratic, variance, stage.whitener, included, trial)
+            if about_it and last and quadratic is not stage.quadratic:  # a step that gains next to nothing is not taken
+                break
+            state, quadratic = self._linear(moved, stage.whitener, False, variance)
             steps -= about_it
             if (about_it and last) or (decided is not None and decided(self._sets(quadratic))):
                 break

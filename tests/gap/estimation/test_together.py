@@ -1,6 +1,7 @@
 """Everything at once, on benches whose simulations are known in closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -213,6 +214,37 @@ def test_a_refit_on_trial_ends_once_its_scores_decide():
 
     tried = search.refitted(stage, without, trial=True, decided=decided)
     assert asked == [tried.sets.cost(without)]
+
+
+def test_a_step_that_gains_next_to_nothing_is_neither_taken_nor_linearised_about(monkeypatch):
+    X, every = smooth_columns(2), np.ones(2, dtype=bool)
+    search = together(linear_bench(X, [1.0, 0.6], SD), [cause(0), cause(1)])
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
+    about, linearise = [], search.problem.linearise
+    monkeypatch.setattr(
+        search.problem, "linearise", lambda state, *more: about.append(state) or linearise(state, *more)
+    )
+    without = search.refitted(stage, np.array([True, False]), CAL.exchange_steps)
+    assert about == [without.state]  # the first step leads to the optimum of what is linear
+    again = search.refitted(without, without.included, CAL.exchange_steps)
+    assert about[1:] == [again.state]  # what is not simulated is looked at anew
+
+
+def test_what_gains_too_little_is_refitted_to_the_end(monkeypatch):
+    """How far causes are from their prices says which of them leave first."""
+    X, every = smooth_columns(2), np.ones(2, dtype=bool)
+    search = together(linear_bench(X, [1.0, 0.6], SD), [cause(0), cause(1, gradual=False)])
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
+    here, asked = stage.sets.cost(every), list[bool]()
+
+    def refitted(stage, included, *, trial, decided):
+        for gain in (3.0, 2.5, 9.0, 60.0, 60.0):
+            asked.append(decided(SimpleNamespace(cost=lambda _, gain=gain: here + gain)))
+        return stage
+
+    monkeypatch.setattr(search, "refitted", refitted)
+    search._gained(replace(stage, state=replace(stage.state, m=np.array([1.0, 0.6]))), 1, 8.0)
+    assert asked == [False, False, False, False, True]
 
 
 def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
