@@ -129,9 +129,12 @@ def select(
         if np.any(later.included) and not again.names:  # simulations with these overflow
             break
         stage, gains, best = later, gained, again
+    place = search.place()
     base = _base(search, best)
     if not best.names:  # no effect is left that a small model error would favour
         base = best = _in_shown_error(search, together.whitening, base)
+    else:  # sizes and sds of its effects follow from what nuisances do beside them, not without them
+        search.back(place)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best, gains) if best.names else []

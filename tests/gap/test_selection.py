@@ -69,6 +69,21 @@ def test_what_gains_less_than_its_price_goes_and_the_rest_is_refitted():
     assert "effect_3" not in heaviest(differing, weighed).names
 
 
+def test_nuisances_are_linearised_beside_the_causes():
+    """About the base, a tolerance acts otherwise than beside causes: sds were half of what tolerances alone leave."""
+    X = smooth_columns(2)
+    bench = GivenBench(lambda p: p[1] * X[:, :, 1] + p[0] * (1 + 4 * p[1]) * X[:, :, 0], np.zeros((400, 2)), 2)
+    bench.measured = bench.respond(np.array([0.05, 0.8])) + SD * np.random.default_rng(0).standard_normal((400, 2))
+    problem = JointProblem(bench, [axis(0, sd=0.1)], [cause(1)], bench.counted)
+    search = JointSearch(
+        problem, JointWhitening(problem, SD, amplitude_prior(SD, True, True, {}), False, 1.0), lambda *_, **__: None
+    )
+    found = select(search, [axis(0, sd=0.1)], lambda name: WORTH, lambda _, each: [0.0] * len(each.names), 1.0, lambda p: True)
+    (m,) = found.tried[0].m
+    assert m == pytest.approx(0.8, abs=0.05)
+    np.testing.assert_allclose(found.search.moved_by(np.array([1.0])), (1 + 4 * m) * X[:, :, 0], rtol=1e-4)
+
+
 def test_what_acts_alike_is_among_what_was_tried_and_costs_the_same():
     X = smooth_columns(4)
     X[:, :, 2] = X[:, :, 0]
