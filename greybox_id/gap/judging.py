@@ -210,15 +210,18 @@ def known_sizes(examined: Examined, hypothesis: Hypothesis) -> KnownSizes:
     Errors of inexact equations last, while innovations take them for new every correlation time. What they do to sizes
     is seen from how much sizes differ between blocks and between parts of a drive, and as far as they are alike in all
     parts, from what the best explanation leaves of free runs: standard deviations grow with the root mean square of
-    these errors over noise (Birge, Physical Review 40, 1932).
+    these errors over noise (Birge, Physical Review 40, 1932). They do not widen what tolerances leave open.
     """
-    search, widening = examined.selection.search, examined.selection.search.widening(hypothesis)
-    if not examined.inexact:
-        return KnownSizes(search.covariance(hypothesis) * np.outer(widening, widening), widening)
-    left = examined.closed.after if examined.unnamed is not None else 1.0
-    widening = CAL.wider * np.sqrt(max(left, 1.0)) * widening
-    form = CAL.form_of_size * (hypothesis.m - np.array([axis.null for axis in hypothesis.axes]))
-    return KnownSizes(search.covariance(hypothesis) * np.outer(widening, widening) + np.diag(form**2), widening)
+    search = examined.selection.search
+    by_readings, by_tolerances = search.scatter(hypothesis)
+    form = np.zeros(len(hypothesis.m))
+    if examined.inexact:
+        left = examined.closed.after if examined.unnamed is not None else 1.0
+        by_readings = by_readings * CAL.wider**2 * max(left, 1.0)
+        form = CAL.form_of_size * (hypothesis.m - np.array([axis.null for axis in hypothesis.axes]))
+    covariance, noise = by_readings + by_tolerances, np.diag(search.covariance(hypothesis))
+    widening = np.sqrt(np.diag(covariance) / np.maximum(noise, TINY**2))
+    return KnownSizes(covariance + np.diag(form**2), widening)
 
 
 def misnamed_probability(examined: Examined) -> float:

@@ -312,8 +312,12 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
 
 
 def test_sizes_are_known_less_well_the_more_free_runs_err():
-    """Model errors that last are no scatter between blocks: by four times the variance of noise, sds are doubled."""
-    search = SimpleNamespace(covariance=lambda _: 0.01 * np.eye(1), widening=lambda _: np.array([1.5]))
+    """Model errors that last are no scatter between blocks: by four times the variance of noise, sds are doubled.
+
+    What tolerances leave open is as they state.
+    """
+    by_readings, by_tolerances = 0.15**2 * np.eye(1), 0.2**2 * np.eye(1)
+    search = SimpleNamespace(covariance=lambda _: 0.05 * np.eye(1), scatter=lambda _: (by_readings, by_tolerances))
     hypothesis = SimpleNamespace(m=np.array([1.2]), axes=[SimpleNamespace(null=1.0)])
 
     def sd(left, inexact=True, unnamed=True):
@@ -321,13 +325,16 @@ def test_sizes_are_known_less_well_the_more_free_runs_err():
             selection=SimpleNamespace(search=search), inexact=inexact, closed=SimpleNamespace(after=left),
             unnamed=unnamed or None,
         )  # fmt: skip
-        return float(np.sqrt(judging.known_sizes(examined, hypothesis).covariance[0, 0]))
+        sizes = judging.known_sizes(examined, hypothesis)
+        off = CAL.form_of_size * 0.2 if inexact else 0.0
+        assert sizes.widening[0] == pytest.approx(np.sqrt((sizes.covariance[0, 0] - off**2) / 0.05))
+        return float(np.sqrt(sizes.covariance[0, 0]))
 
     form = CAL.form_of_size * 0.2
-    assert sd(1.0) == sd(0.8) == pytest.approx(np.hypot(CAL.wider * 0.15, form))
-    assert sd(4.0) == pytest.approx(np.hypot(2.0 * CAL.wider * 0.15, form))
+    assert sd(1.0) == sd(0.8) == pytest.approx(np.linalg.norm([CAL.wider * 0.15, 0.2, form]))
+    assert sd(4.0) == pytest.approx(np.linalg.norm([2.0 * CAL.wider * 0.15, 0.2, form]))
     assert sd(4.0, unnamed=False) == sd(1.0)
-    assert sd(4.0, inexact=False) == pytest.approx(0.15)
+    assert sd(4.0, inexact=False) == pytest.approx(0.25)
 
 
 @given(st.lists(st.floats(0.0, 6.0), min_size=1, max_size=8), st.integers(8, 60))

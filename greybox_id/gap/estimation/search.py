@@ -303,21 +303,23 @@ class Search:
         """(m, m) covariance of a hypothesis' coordinates with nuisances marginalised, if residuals are noise."""
         return self._informed(hypothesis)[2]
 
-    def widening(self, hypothesis: Hypothesis) -> Array:
-        """(m,) factors, at least one, by which coordinates scatter more than noise explains.
+    def scatter(self, hypothesis: Hypothesis) -> tuple[Array, Array]:
+        """(m, m) covariances of a hypothesis' coordinates due to readings and due to the priors of nuisances.
 
-        Errors of an inexact model stay alike for seconds: the gradients of blocks scatter more than those of noise (a
-        sandwich over blocks, after White, Econometrica 50, 1982).
+        Their sum is `covariance`, or more: errors of an inexact model stay alike for seconds, and the gradients of
+        blocks then scatter more than those of noise (a sandwich over blocks, after White, Econometrica 50, 1982).
         """
-        W, undone, known = self._informed(hypothesis)
+        W, undone, covariance = self._informed(hypothesis)
+        by_priors = covariance @ undone.T @ self.precision @ undone @ covariance
+        by_readings = covariance - by_priors
         W = W - self.white @ undone  # the part that nuisances cannot cancel
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
         gradients = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
         gradients -= np.mean(gradients, axis=0)
-        seen = known @ (gradients.T @ gradients) @ known
-        result: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(known), 1e-300), 1.0))
-        return result
+        seen = covariance @ (gradients.T @ gradients) @ covariance
+        widening = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(by_readings), 1e-300), 1.0))
+        return by_readings * np.outer(widening, widening), by_priors
 
     def _informed(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """Whitened derivatives by the coordinates, nuisances' steps that cancel them, the coordinates' covariance."""

@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns
+from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_on, smooth_columns, weighted
+from hypothesis import given
+from hypothesis import strategies as st
 
 from greybox_id.gap.estimation.axes import Candidate
 from greybox_id.gap.estimation.calibration import CAL
@@ -154,7 +156,25 @@ def test_magnitudes_scatter_more_where_residuals_stay_alike():
         bench = GivenBench(lambda p, X=X_of: X @ p, X_of @ np.array([0.5]) + SD * noise, 1)
         search = search_on(bench, SD)
         (found,) = refit(search, [alone(search, candidate(0))])
-        assert least <= search.widening(found)[0] < most
+        by_readings, by_priors = search.scatter(found)
+        assert least <= np.sqrt(by_readings[0, 0] / search.covariance(found)[0, 0]) < most
+        assert by_priors[0, 0] == 0.0  # there are no tolerances
+
+
+@given(st.floats(0.02, 2.0), st.floats(-0.9, 0.9))
+def test_scatter_due_to_priors_is_that_over_draws_of_tolerances(sd, alike):
+    """Estimates move by what tolerances are off, as far as a magnitude acts like them, whatever the noise is."""
+    X = smooth_columns(2)
+    X[:, :, 1] = alike * X[:, :, 0] + np.sqrt(1 - alike**2) * X[:, :, 1]
+    bench = linear_bench(X, [0.0, 0.5], SD)
+    search = search_on(bench, SD, [axis(0, sd=sd)])
+    (found,) = refit(search, [alone(search, candidate(1))])
+    by_readings, by_priors = search.scatter(found)
+    W = weighted(bench, range(2), SD)[0]
+    H = W.T @ W + np.diag([1 / sd**2, 0.0])
+    moved = np.linalg.solve(H, W.T @ W)[1, 0]  # of the estimate, per unit that the tolerance is off
+    assert by_priors[0, 0] == pytest.approx((moved * sd) ** 2, rel=1e-6, abs=1e-15)
+    assert by_readings[0, 0] + by_priors[0, 0] >= search.covariance(found)[0, 0] * (1 - 1e-9)
 
 
 def test_an_effect_within_its_own_tolerance_is_no_gap():
