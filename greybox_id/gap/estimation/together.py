@@ -274,6 +274,7 @@ class JointSearch:
         stage, gains : the stage, and what each of its causes gains, (causes,) zero for those not included.
         """
         dismissed, together = np.zeros(len(stage.included), dtype=bool), set[tuple[int, int]]()
+        returned = np.zeros_like(dismissed)
         known = bool(np.all(gains[stage.included] > 0))  # by an earlier call, which returned this stage
         while True:
             stage = stage if known else self._converged(stage)
@@ -289,7 +290,12 @@ class JointSearch:
                 weak.sort(key=lambda k: steady[k] - prices[k])
                 included = stage.included.copy()
                 included[weak[: -(-len(weak) // 2)]] = False  # half of them at once
-                stage = self.refitted(stage, included, CAL.exchange_steps)
+                rest = self.refitted(stage, included, CAL.exchange_steps)
+                if rest.sets.cost(included) < stage.sets.cost(stage.included) - CAL.enough:
+                    # with them a refit had not found its optimum, so what they gain beside the rest is not known yet
+                    back = stage.included & dismissed & ~returned
+                    dismissed[back], returned[back] = False, True
+                stage = rest
                 continue
             other = self._without_both(stage, prices, together)
             if other is None:
