@@ -23,7 +23,7 @@ from .estimation.calibration import CAL
 from .estimation.constancy import discounted
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import AutoregressiveNoise
-from .selection import Selection
+from .selection import Selection, cost_without
 
 NEVER = 1e6
 """Cost of an effect that only moves readings past rows."""
@@ -132,9 +132,7 @@ def _unsteady_factors(
     result = dict[str, float]()
     for name, k in best.items():
         if k in known:
-            others = set(tried[k].names) - {name}
-            without = min([selection.base.cost, *(item.cost for item in tried if set(item.names) == others)])
-            gained = (without - tried[k].cost) / selection.search.trust
+            gained = (cost_without(selection, tried[k], name) - tried[k].cost) / selection.search.trust
             by = gained / float(discounted(np.array(gained), known[k][name])) if gained > 0 else 1.0
             result[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
     return result

@@ -19,7 +19,7 @@ from .estimation.hypothesis import Hypothesis
 from .evidence import probability
 from .examining import TINY, Examined
 from .gap import Budget
-from .selection import refitted
+from .selection import cost_without, refitted
 from .unknown import is_unnamed_gap, unknown_probability
 
 
@@ -131,9 +131,10 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
     leave, the others move to their values without them, and must be significant there, too: one that is so only once
     another has left stands for that one.
 
-    Limits, lags and plays may have no slope at none: for these, the root of twice the likelihood ratio is the distance
-    from none in standard deviations, too (Wilks, Annals of Mathematical Statistics 9, 1938), divided by the widening
-    where residuals are no noise (Kent, Biometrika 69, 1982).
+    Limits, lags and plays may have no slope at none, and effects with second parameters act otherwise near none: for
+    these, the root of twice the likelihood ratio is the distance from none in standard deviations, too (Wilks, Annals
+    of Mathematical Statistics 9, 1938), divided by the widening where residuals are no noise (Kent, Biometrika 69,
+    1982).
 
     Parameters
     ----------
@@ -152,7 +153,7 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
     off = off - np.array([candidate.axes[0].null for candidate in best.candidates])
     by_gain = {
         item.effect: np.sqrt(2.0 * gain_of(examined, best, item.effect)) / sizes.widening[at]
-        for item, at in zip(best.candidates, mains, strict=True) if not (item.gradual or item.axes[0].shift)
+        for item, at in zip(best.candidates, mains, strict=True) if not (item.gradual or item.axes[0].shift) or item.free > 1
     }  # fmt: skip
     while names:
         slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
@@ -284,10 +285,8 @@ def _mimics(gain: float, least: float) -> float:
 
 
 def gain_of(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """Log-likelihood that an effect gains beside the others of a hypothesis."""
-    base, others = examined.selection.base, set(hypothesis.names) - {name}
-    without = [item.cost for item in examined.selection.tried if set(item.names) == others]
-    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either refit may be incomplete
+    """Log-likelihood that an effect gains beside the others of a hypothesis; at most what is known without it."""
+    return max(cost_without(examined.selection, hypothesis, name) - hypothesis.cost, 0.0)
 
 
 def of_class(examined: Examined, name: str) -> float:

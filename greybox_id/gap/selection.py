@@ -164,6 +164,15 @@ def select(
     return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)))
 
 
+def cost_without(selection: Selection, hypothesis: Hypothesis, name: str) -> float:
+    """The cost of a hypothesis without one of its effects, at most that of any other without it and with fewer.
+
+    Aliases are tried without each of their effects only as far as the best explanation is, and refits are incomplete.
+    """
+    others = set(hypothesis.names) - {name}
+    return min(item.cost for item in (selection.base, *selection.tried) if others.issuperset(item.names))
+
+
 def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothesis:
     """The explanation of a stage as a hypothesis that is not simulated yet."""
     problem, state = together.problem, stage.state

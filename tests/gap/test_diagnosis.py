@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from calling import greybox
 from driven import without, written
-from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
+from gap_cases import CAR, NOISE, NUMBERS, axis, candidate, lap, lateral_lap, nominal
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -309,6 +309,10 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=12.0)) == [names[1]]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
+    parts[1] = replace(parts[1][0], gradual=True), parts[1][1]
+    assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=24.0)) == [names[1]]
+    parts[1] = replace(parts[1][0], axes=(*parts[1][0].axes, axis(9))), parts[1][1]
+    assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # it acts through a second parameter
 
 
 def test_sizes_are_known_less_well_the_more_free_runs_err():

@@ -24,7 +24,7 @@ from greybox_id.gap.evidence import (
     probability,
     tempering,
 )
-from greybox_id.gap.selection import Selection
+from greybox_id.gap.selection import Selection, cost_without
 
 NOTHING = np.empty(0)
 
@@ -42,6 +42,17 @@ def selected(base, tried, readings=5000, trust=1.0):
 
 def weighed(base, tried, readings=5000, inexact=False, trust=1.0):
     return evidence(selected(base, tried, readings, trust), inexact, costs(forces=False))
+
+
+def test_an_effect_gains_no_more_than_fewer_effects_without_it_leave():
+    """An exchanged cause was in the best explanation, which had not been tried without each of its effects."""
+    tried = [hypothesis(10.0, "a", "b", "c"), hypothesis(25.0, "a", "b", "d"), hypothesis(30.0, "a", "b"),
+             hypothesis(50.0, "b")]  # fmt: skip
+    known = selected(900.0, tried)
+    assert cost_without(known, tried[0], "c") == 30.0
+    assert cost_without(known, tried[0], "a") == 50.0
+    assert cost_without(known, tried[0], "b") == 900.0  # what "d" does is no share of the others
+    assert cost_without(selected(40.0, tried), tried[0], "a") == 40.0
 
 
 amounts = st.floats(0.0, 1e7, allow_nan=False)

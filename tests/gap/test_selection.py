@@ -78,7 +78,9 @@ def test_nuisances_are_linearised_beside_the_causes():
     search = JointSearch(
         problem, JointWhitening(problem, SD, amplitude_prior(SD, True, True, {}), False, 1.0), lambda *_, **__: None
     )
-    found = select(search, [axis(0, sd=0.1)], lambda name: WORTH, lambda _, each: [0.0] * len(each.names), 1.0, lambda p: True)
+    found = select(
+        search, [axis(0, sd=0.1)], lambda name: WORTH, lambda _, each: [0.0] * len(each.names), 1.0, lambda p: True
+    )
     (m,) = found.tried[0].m
     assert m == pytest.approx(0.8, abs=0.05)
     np.testing.assert_allclose(found.search.moved_by(np.array([1.0])), (1 + 4 * m) * X[:, :, 0], rtol=1e-4)

@@ -1,5 +1,6 @@
 """Everything at once, on benches whose simulations are known in closed form."""
 
+from copy import copy
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -200,6 +201,25 @@ def test_a_stage_whose_gains_are_known_is_not_refitted_to_learn_them_again(monke
     assert later.included.tolist() == [True, True, False]
     assert search._worth_adding(later, prices, nothing, np.zeros(3, dtype=bool)) == 2
     assert search._worth_adding(later, prices, unsteady, np.zeros(3, dtype=bool)) is None
+
+
+@pytest.mark.parametrize(("off", "returns"), [(1e6, True), (0.0, False)])
+def test_a_cause_returns_if_all_else_costs_less_without_it(monkeypatch, off, returns):
+    """Beside too many causes, a refit ended far from its optimum, and a cause that was there seemed to gain nothing."""
+    search = together(linear_bench(smooth_columns(3), [1.0, 0.6, 0.5], SD), [cause(k) for k in range(3)])
+    every = np.ones(3, dtype=bool)
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), included=every)
+    far, gained, asked = copy(stage.sets), search._gains, list[JointStage]()
+    monkeypatch.setattr(far, "cost", lambda included: stage.sets.cost(included) + off, raising=False)
+
+    def gains(stage, prices, unsteady, before):
+        asked.append(stage)
+        return np.array([50.0, 0.0, 50.0]) if len(asked) == 1 else gained(stage, prices, unsteady, before)
+
+    monkeypatch.setattr(search, "_gains", gains)
+    monkeypatch.setattr(search, "_converged", lambda stage: stage)
+    found, _ = search.pruned(replace(stage, sets=far), np.full(3, 8.0), np.zeros(3), np.zeros(3))
+    assert found.included.tolist() == [True, returns, True]
 
 
 def test_a_refit_on_trial_ends_once_its_scores_decide():
