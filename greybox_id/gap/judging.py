@@ -153,8 +153,9 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
     off = off - np.array([candidate.axes[0].null for candidate in best.candidates])
     by_gain = {
         item.effect: np.sqrt(2.0 * gain_of(examined, best, item.effect)) / sizes.widening[at]
-        for item, at in zip(best.candidates, mains, strict=True) if not (item.gradual or item.axes[0].shift) or item.free > 1
-    }  # fmt: skip
+        for item, at in zip(best.candidates, mains, strict=True)
+        if item.free > 1 or item.axes[0].shift or not item.gradual
+    }
     while names:
         slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
         z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
