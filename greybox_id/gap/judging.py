@@ -321,6 +321,8 @@ def _constant(spread: Spread | None, limit: float) -> float:
 
 def restricted_to(examined: Examined, names: Collection[str]) -> Hypothesis:
     """The best explanation with only these of its effects, everything else refitted."""
-    selection = examined.selection
-    known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}
-    return known.get(frozenset(names)) or refitted(selection.search, examined.best.only(names))
+    selection, best = examined.selection, examined.best
+    if not set(names) & set(best.names):
+        return selection.base
+    # of those tried, explanations without one effect have costs alone: their coordinates are those beside it
+    return best if set(best.names) <= set(names) else refitted(selection.search, best.only(names))
