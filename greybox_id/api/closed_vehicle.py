@@ -59,9 +59,11 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
         added = {}
         for name in closed.effects:
             value = float(closed[name].array)
+            if not isfinite(value):  # at its neutral value, as a limit that the fit to free runs has taken away
+                continue
             if name in gap.applied and name in ranked and ranked[name].lasts:
                 added[name] = replace(_magnitude(ranked[name]), value=value)
-            elif isfinite(value):
+            else:
                 added[name] = replace(before.get(name, Stated(source=BY)), value=value)
         chosen = ChosenModel(closed.name, closed.settings, added)
         values = {**vehicle.values, **_moved(vehicle, closed)}

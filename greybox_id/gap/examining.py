@@ -226,6 +226,8 @@ def examine(
     weighed = evidence(selection, tempered, cost, left, unsteady)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
+    if selection.beside and not best.names:
+        search.about(best)
     selection, bench = replace(selection, search=search), search.bench
     sd, noise_is_stated = stated_noise(bench, vehicle, best.e)
     if not noise_is_stated:  # the residuals of the best explanation are the best estimate of noise

@@ -61,6 +61,7 @@ class Selection:
         best first.
     expected_gains : of every single candidate beside the base.
     apart : log-likelihood by which two walks differ that disagree about causes, see `estimation.walks`.
+    beside : names of the effects beside which the search has linearised nuisances.
     """
 
     search: Search
@@ -68,6 +69,7 @@ class Selection:
     tried: tuple[Hypothesis, ...]
     expected_gains: tuple[ExpectedGain, ...]
     apart: float = 0.0
+    beside: tuple[str, ...] = ()
 
     def of(self, size: int) -> list[Hypothesis]:
         """Hypotheses of `size` effects, best first."""
@@ -145,6 +147,8 @@ def select(
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again, gains)]
     without = _without_each(search, best, names, gains)
+    if (top := min((best, *alike), key=by_cost)) is not best:
+        without += _without_each(search, top, names, gains)
     base = min((base, *(replace(base, cost=item.cost) for item in without if not item.names)), key=by_cost)
     tried, offered = [best, *without, *alike], expected_gains(together, stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
@@ -161,7 +165,7 @@ def select(
     result = sorted(alone.values(), key=by_cost)
     if result:
         result = [*with_slopes(search, result[:1]), *result[1:]]
-    return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)))
+    return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)), best.names)
 
 
 def cost_without(selection: Selection, hypothesis: Hypothesis, name: str) -> float:
@@ -231,12 +235,15 @@ def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]
 
 
 def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains: Array) -> list[Hypothesis]:
-    """The best explanation without each of its effects, at the cost that the joint search found for it.
+    """An explanation without each of its effects, at the cost that the joint search found for it.
+
+    Without the one that stands in the place of another, it has been tried; each of the others gains what it gained
+    beside that other one.
 
     Under a map with memory, plain errors are weighed, too: there it is simulated without the effect.
     """
     places, result = {name: k for k, name in enumerate(names)}, list[Hypothesis]()
-    for name in best.names:
+    for name in (each for each in best.names if gains[places[each]] > 0):
         rest = best.only(set(best.names) - {name})
         again = refit(search, [search.start_of(rest)]) if search.bench.learnt else []
         result.append(replace(again[0] if again else rest, cost=best.cost + float(gains[places[name]])))

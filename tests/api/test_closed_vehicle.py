@@ -87,6 +87,16 @@ def test_an_applied_effect_is_no_tolerance_any_more_and_others_stay(car):
     assert found.noise == car.noise
 
 
+def test_a_limit_that_the_closed_model_has_taken_away_is_no_effect_of_the_closed_vehicle(car, tmp_path):
+    """Its fit to free runs had moved the limit to infinity, which no file states."""
+    closed = build("single_track", None, {"steering_delay": 0.031, "motor_saturation": float("inf")}, car)
+    limit = Ranked("motor_saturation", 0.9, 3.3, "m/s^2", (2.0, 8.9))
+    gap = clear(closed=closed, ranking=(DELAY, limit), applied=("steering_delay", "motor_saturation"))
+    again = through_a_file(closed_vehicle(car, gap), tmp_path)
+    assert tuple(again.model.effects) == ("steering_delay",)
+    same_simulation(closed, model_of(again))
+
+
 def test_effects_the_vehicle_had_stay_and_its_name_does_not_grow(car):
     had = replace(car, model=ChosenModel("lateral", {"tyre": "brush"}, {"yaw_rate_bias": Stated(0.01, 0.002)}))
     closed = model_of(had) + EFFECTS["steering_delay"].at(0.031)

@@ -8,12 +8,13 @@ import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
 from greybox_id.gap import selection
+from greybox_id.gap.estimation.axes import Candidate
 from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.model_error import amplitude_prior
 from greybox_id.gap.estimation.problem import JointProblem
 from greybox_id.gap.estimation.together import JointSearch, JointWhitening
 from greybox_id.gap.evidence import evidence, heaviest
-from greybox_id.gap.selection import select
+from greybox_id.gap.selection import cost_without, select
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -111,6 +112,25 @@ def test_another_cause_is_an_alias_as_far_as_nothing_is_gained_beside_it(monkeyp
 
     assert aliases(gains) == of_effects(2)
     assert aliases(100.0 * gains) == set()  # each nat to first order is a hundred
+
+
+def test_an_exchanged_explanation_is_known_without_each_of_its_effects(monkeypatch):
+    """Where it was the best, its effects seemed to gain what they gain beside nothing."""
+
+    def exchanged(search, together, stage, best, gains):
+        other = Candidate("effect_0", (axis(0),))
+        swapped = tuple(other if each.effect == "effect_1" else each for each in best.candidates)
+        return [replace(best, candidates=swapped, cost=best.cost - 0.5)]
+
+    monkeypatch.setattr(selection, "_exchanged", exchanged)
+    found = selected(linear_bench(smooth_columns(4), [0.0, 0.6, 0.5, 0.4], SD), 4)
+    top, costs = found.tried[0], {frozenset(own.names): own.cost for own in found.tried}
+    assert set(top.names) == of_effects(0, 2, 3)
+    for gone in (2, 3):
+        gain = costs[frozenset(of_effects(1, 2, 3) - of_effects(gone))] - costs[frozenset(of_effects(1, 2, 3))]
+        assert costs[frozenset(of_effects(0, 2, 3) - of_effects(gone))] == pytest.approx(top.cost + gain)
+        assert cost_without(found, top, f"effect_{gone}") == pytest.approx(top.cost + gain)
+    assert cost_without(found, top, "effect_0") == costs[frozenset(of_effects(2, 3))]
 
 
 def test_where_nothing_acts_the_base_is_all_there_is():

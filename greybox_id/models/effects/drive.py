@@ -45,8 +45,8 @@ motor_saturation = alteration(
     GROUP, "motor_saturation", "m/s^2", inf, (0.1, inf), "largest acceleration that the drive gives at low speed",
     typical=2.0, gradual=False, drive_force=_saturated,
     others=(Parameter(
-        "motor_saturation_v_b", "m/s", 10.0, (0.1, inf), fixed=True,
-        about="speed above which the drive's largest force falls as 1/v",
+        "motor_saturation_v_b", "m/s", 10.0, (0.1, 1e3), fixed=True,
+        about="speed above which the drive's largest force falls as 1/v; 1 000 m/s: at no speed",
     ),),
 )  # fmt: skip
 
