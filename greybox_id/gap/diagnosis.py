@@ -47,6 +47,7 @@ from .judging import (
     refused,
     restricted_to,
     size_sd,
+    superfluous,
     unnamed_probability,
 )
 from .regimes import where
@@ -211,7 +212,8 @@ def _budgeted(examined: Examined, held_out: Sequence[Recording], tell: Callable[
         if len(little) < 2:
             break
     best = restricted_to(examined, set(best.names) - doubtful) if doubtful else best
-    return _Causes(best, reasons, chances, shared, telling)
+    best, unneeded = superfluous(examined, best)
+    return _Causes(best, reasons | unneeded, chances, shared, telling)
 
 
 def _verified(

@@ -16,7 +16,8 @@ from .budget import closes, weak
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
 from .estimation.hypothesis import Hypothesis
-from .evidence import probability
+from .estimation.refit import refit
+from .evidence import costs, probability
 from .examining import TINY, Examined
 from .gap import Budget
 from .selection import cost_without, refitted
@@ -326,3 +327,35 @@ def restricted_to(examined: Examined, names: Collection[str]) -> Hypothesis:
         return selection.base
     # of those tried, explanations without one effect have costs alone: their coordinates are those beside it
     return best if set(best.names) <= set(names) else refitted(selection.search, best.only(names))
+
+
+def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[str, str]]:
+    """Causes that are still needed once effects have left the best explanation, and why the others are not.
+
+    A limit may only take back what a gain beside it does, which is no cause: each cause must gain its cost beside the
+    others that remain, with everything refitted. The least needed one leaves first.
+
+    Parameters
+    ----------
+    best : the best explanation with some of its effects, refitted.
+    """
+    search, reasons = examined.selection.search, dict[str, str]()
+    needed = costs(examined.unnamed is not None, [item.candidate for item in examined.selection.expected_gains])
+    while best.names and set(best.names) != set(examined.best.names):
+        starts = [search.start_of(best.only(set(best.names) - {name})) for name in best.names]
+        rest = {frozenset(item.names): item for item in refit(search, starts)}
+        gains = {
+            name: search.trust**-1 * (without.cost - best.cost)
+            for name in best.names
+            if (without := rest.get(frozenset(best.names) - {name})) is not None
+        }
+        least = min(gains, key=lambda name: gains[name] - needed(name), default=None)
+        if least is None or gains[least] >= needed(least):
+            break
+        left = [name for name in examined.best.names if name not in best.names]
+        reasons[least] = (
+            f"without {listed(left)}, it raises the log-likelihood by {number(max(gains[least], 0.0), 2)}, and "
+            f"{number(needed(least), 2)} is needed"
+        )
+        best = rest[frozenset(best.names) - {least}]
+    return best, reasons

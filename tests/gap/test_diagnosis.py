@@ -9,7 +9,20 @@ import numpy as np
 import pytest
 from calling import greybox
 from driven import without, written
-from gap_cases import CAR, NOISE, NUMBERS, axis, candidate, lap, lateral_lap, nominal
+from gap_cases import (
+    CAR,
+    NOISE,
+    NUMBERS,
+    alone,
+    axis,
+    candidate,
+    lap,
+    lateral_lap,
+    linear_bench,
+    nominal,
+    search_on,
+    smooth_columns,
+)  # fmt: skip
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
@@ -20,7 +33,9 @@ from greybox_id.gap.closed_model import HARMS
 from greybox_id.gap.diagnosis import _ranking_keys, diagnose
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
+from greybox_id.gap.estimation.hypothesis import Start
 from greybox_id.gap.estimation.model_error import amplitude_prior
+from greybox_id.gap.estimation.refit import refit
 from greybox_id.gap.gap import Budget, Ranked, Share, Unnamed
 from greybox_id.gap.judging import _beside_unknown, _strains, may_vary, misnamed_probability, unnamed_probability
 from greybox_id.models.effects import EFFECTS, vocabulary
@@ -313,6 +328,25 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=24.0)) == [names[1]]
     parts[1] = replace(parts[1][0], axes=(*parts[1][0].axes, axis(9))), parts[1][1]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # it acts through a second parameter
+
+
+def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
+    """A limit took back what a gain beside it did: once the gain was refused, the limit had nothing to explain."""
+    sd = np.array([0.1, 0.4])
+    search = search_on(linear_bench(smooth_columns(3), [0.8, 0.0, 0.0], sd), sd)
+    base = search.at_means()
+    starts = [Start(tuple(candidate(k) for k in ks), np.zeros(len(ks)), base.theta, base.linear)
+              for ks in ((0, 1, 2), (0, 1))]  # fmt: skip
+    whole, part = refit(search, starts)
+    offered = [SimpleNamespace(candidate=candidate(k)) for k in range(3)]
+    selection = SimpleNamespace(search=search, expected_gains=offered)
+    examined = SimpleNamespace(selection=selection, best=whole, unnamed=None)
+    best, reasons = judging.superfluous(examined, part)
+    assert best.names == ("effect_0",)
+    assert best.cost == pytest.approx(refit(search, [alone(search, candidate(0))])[0].cost)
+    assert list(reasons) == ["effect_1"]
+    assert reasons["effect_1"].startswith("without effect_2, it raises the log-likelihood by ")
+    assert judging.superfluous(examined, whole) == (whole, {})  # none has left
 
 
 def test_sizes_are_known_less_well_the_more_free_runs_err():
