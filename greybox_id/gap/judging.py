@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import exp, log
 
 import numpy as np
@@ -352,6 +352,9 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
         least = min(gains, key=lambda name: gains[name] - needed(name), default=None)
         if least is None or gains[least] >= needed(least):
             break
+        if gains[least] < 0.0 and (better := _from_fewer(examined, best, rest[frozenset(best.names) - {least}])):
+            best = better
+            continue
         left = [name for name in examined.best.names if name not in best.names]
         reasons[least] = (
             f"without {listed(left)}, it raises the log-likelihood by {number(max(gains[least], 0.0), 2)}, and "
@@ -359,3 +362,13 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
         )
         best = rest[frozenset(best.names) - {least}]
     return best, reasons
+
+
+def _from_fewer(examined: Examined, best: Hypothesis, fewer: Hypothesis) -> Hypothesis | None:
+    """Some of the best explanation's effects, refitted from where fewer of them cost less; None if not better.
+
+    A refit with more effects that ends at a higher cost has not found its optimum.
+    """
+    start = replace(examined.selection.search.start_of(examined.best.only(set(best.names))), slopes=None)
+    result = refit(examined.selection.search, [replace(start, theta=fewer.theta, linear=fewer.linear)])
+    return result[0] if result and result[0].cost < best.cost - CAL.enough else None

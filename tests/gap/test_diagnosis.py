@@ -349,6 +349,22 @@ def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
     assert judging.superfluous(examined, whole) == (whole, {})  # none has left
 
 
+def test_a_refit_that_ends_above_one_with_fewer_effects_begins_again_from_there():
+    sd = np.array([0.1, 0.4])
+    search = search_on(linear_bench(smooth_columns(3), [0.8, 0.5, 0.0], sd), sd)
+    base = search.at_means()
+    starts = [Start(tuple(candidate(k) for k in ks), np.zeros(len(ks)), base.theta, base.linear)
+              for ks in ((0, 1, 2), (0, 1))]  # fmt: skip
+    whole, part = refit(search, starts)
+    offered = [SimpleNamespace(candidate=candidate(k)) for k in range(3)]
+    examined = SimpleNamespace(
+        selection=SimpleNamespace(search=search, expected_gains=offered), best=whole, unnamed=None
+    )  # fmt: skip
+    best, reasons = judging.superfluous(examined, replace(part, cost=part.cost + 1e6))
+    assert (best.names, reasons) == (("effect_0", "effect_1"), {})
+    assert best.cost == pytest.approx(part.cost)
+
+
 def test_sizes_are_known_less_well_the_more_free_runs_err():
     """Model errors that last are no scatter between blocks: by four times the variance of noise, sds are doubled.
 
