@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import exp, log
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..datasets.checks.finding import listed
 from .budget import closes, weak
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
-from .estimation.hypothesis import Hypothesis
+from .estimation.hypothesis import Hypothesis, Start, by_cost
 from .estimation.refit import refit
 from .evidence import costs, probability
 from .examining import TINY, Examined
@@ -367,8 +367,15 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
 def _from_fewer(examined: Examined, best: Hypothesis, fewer: Hypothesis) -> Hypothesis | None:
     """Some of the best explanation's effects, refitted from where fewer of them cost less; None if not better.
 
-    A refit with more effects that ends at a higher cost has not found its optimum.
+    A refit with more effects that ends at a higher cost has not found its optimum. The others begin at their magnitudes
+    in the best explanation, or at none.
     """
-    start = replace(examined.selection.search.start_of(examined.best.only(set(best.names))), slopes=None)
-    result = refit(examined.selection.search, [replace(start, theta=fewer.theta, linear=fewer.linear)])
-    return result[0] if result and result[0].cost < best.cost - CAL.enough else None
+    own = examined.best.only(set(best.names))
+    at_none, known = own.m.copy(), {item.effect: fewer.m[at] for item, at in fewer.parts}
+    for item, at in own.parts:
+        at_none[at] = known.get(item.effect, own.m[at])
+        if item.effect not in known:
+            at_none[at.start] = item.axes[0].null
+    starts = [Start(own.candidates, m, fewer.theta, fewer.linear) for m in (own.m, at_none)]
+    result = min(refit(examined.selection.search, starts), key=by_cost, default=best)
+    return result if result.cost < best.cost - CAL.enough else None
