@@ -137,6 +137,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
     unread = [name for name, c in zip(examined.bench.channels, examined.bench.counted.T, strict=True) if not np.any(c)]
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
     counted, shown = np.where(good, 1.0, 0.0), excerpt(examined.recordings)
+    errors = [examined.at_its_best(item).e * counted for item in (selection.base, best)]  # as the closure is computed
     return Gap(
         model=examined.model.name,
         recordings=tuple(recording.name for recording in examined.recordings),
@@ -154,7 +155,7 @@ def answer(examined: Examined, held_out: Sequence[Recording], tell: Callable[...
         absorbed=absorbed,
         advice=advice(sets, list(unexcited), examined.effects, unread, selection.apart),
         closed=closed,
-        strip=strip(examined.bench, selection.base.e * counted, best.e * counted, sd, examined.seen, excess, shown),
+        strip=strip(examined.bench, errors[0], errors[1], sd, examined.seen, excess, shown),
         noise_stated=examined.noise_stated,
         limits=limits,
         budget=shared,
