@@ -330,6 +330,22 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # it acts through a second parameter
 
 
+def test_pictures_show_the_errors_that_the_closure_counts(monkeypatch):
+    """They once showed errors before tolerances were refitted to free runs: larger with the causes than without."""
+    drawn, plain = [], diagnosis.Examined.at_its_best
+
+    def at_its_best(examined, hypothesis):
+        return replace(plain(examined, hypothesis), e=np.full_like(hypothesis.e, 2.0 if hypothesis.names else 3.0))
+
+    def strip(bench, before, after, *_):
+        drawn.extend(set(np.unique(each)) - {0.0} for each in (before, after))
+
+    monkeypatch.setattr(diagnosis.Examined, "at_its_best", at_its_best)
+    monkeypatch.setattr(diagnosis, "strip", strip)
+    assert diagnosed(lap({"steering_delay": 0.04}, 20.0)).applied == ("steering_delay",)
+    assert drawn == [{3.0}, {2.0}]
+
+
 def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
     """A limit took back what a gain beside it did: once the gain was refused, the limit had nothing to explain."""
     sd = np.array([0.1, 0.4])
