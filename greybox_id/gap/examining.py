@@ -226,7 +226,7 @@ def examine(
     weighed = evidence(selection, tempered, cost, left, unsteady)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
-    if selection.beside and not best.names:
+    if selection.beside and not best.names:  # the base outweighs what nuisances were linearised beside
         search.about(best)
     selection, bench = replace(selection, search=search), search.bench
     sd, noise_is_stated = stated_noise(bench, vehicle, best.e)

@@ -345,7 +345,7 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
         starts = [search.start_of(best.only(set(best.names) - {name})) for name in best.names]
         rest = {frozenset(item.names): item for item in refit(search, starts)}
         gains = {
-            name: search.trust**-1 * (without.cost - best.cost)
+            name: (without.cost - best.cost) / search.trust
             for name in best.names
             if (without := rest.get(frozenset(best.names) - {name})) is not None
         }
@@ -370,12 +370,12 @@ def _from_fewer(examined: Examined, best: Hypothesis, fewer: Hypothesis) -> Hypo
     A refit with more effects that ends at a higher cost has not found its optimum. The others begin at their magnitudes
     in the best explanation, or at none.
     """
-    own = examined.best.only(set(best.names))
-    at_none, known = own.m.copy(), {item.effect: fewer.m[at] for item, at in fewer.parts}
-    for item, at in own.parts:
-        at_none[at] = known.get(item.effect, own.m[at])
+    before = examined.best.only(set(best.names))
+    at_none, known = before.m.copy(), {item.effect: fewer.m[at] for item, at in fewer.parts}
+    for item, at in before.parts:
+        at_none[at] = known.get(item.effect, before.m[at])
         if item.effect not in known:
             at_none[at.start] = item.axes[0].null
-    starts = [Start(own.candidates, m, fewer.theta, fewer.linear) for m in (own.m, at_none)]
+    starts = [Start(before.candidates, m, fewer.theta, fewer.linear) for m in (before.m, at_none)]
     result = min(refit(examined.selection.search, starts), key=by_cost, default=best)
     return result if result.cost < best.cost - CAL.enough else None

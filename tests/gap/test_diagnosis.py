@@ -346,17 +346,21 @@ def test_pictures_show_the_errors_that_the_closure_counts(monkeypatch):
     assert drawn == [{3.0}, {2.0}]
 
 
+def once_one_has_left(*truth):
+    """What is examined, with a best explanation by three effects, and the same without the third, refitted."""
+    sd = np.array([0.1, 0.4])
+    search = search_on(linear_bench(smooth_columns(3), [*truth], sd), sd)
+    base, effects = search.at_means(), tuple(candidate(k) for k in range(3))
+    whole, part = refit(search, [Start(effects[:n], np.zeros(n), base.theta, base.linear) for n in (3, 2)])
+    offered = [SimpleNamespace(candidate=each) for each in effects]
+    selection = SimpleNamespace(search=search, expected_gains=offered)
+    return SimpleNamespace(selection=selection, best=whole, unnamed=None), part
+
+
 def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
     """A limit took back what a gain beside it did: once the gain was refused, the limit had nothing to explain."""
-    sd = np.array([0.1, 0.4])
-    search = search_on(linear_bench(smooth_columns(3), [0.8, 0.0, 0.0], sd), sd)
-    base = search.at_means()
-    starts = [Start(tuple(candidate(k) for k in ks), np.zeros(len(ks)), base.theta, base.linear)
-              for ks in ((0, 1, 2), (0, 1))]  # fmt: skip
-    whole, part = refit(search, starts)
-    offered = [SimpleNamespace(candidate=candidate(k)) for k in range(3)]
-    selection = SimpleNamespace(search=search, expected_gains=offered)
-    examined = SimpleNamespace(selection=selection, best=whole, unnamed=None)
+    examined, part = once_one_has_left(0.8, 0.0, 0.0)
+    search, whole = examined.selection.search, examined.best
     best, reasons = judging.superfluous(examined, part)
     assert best.names == ("effect_0",)
     assert best.cost == pytest.approx(refit(search, [alone(search, candidate(0))])[0].cost)
@@ -366,16 +370,7 @@ def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
 
 
 def test_a_refit_that_ends_above_one_with_fewer_effects_begins_again_from_there():
-    sd = np.array([0.1, 0.4])
-    search = search_on(linear_bench(smooth_columns(3), [0.8, 0.5, 0.0], sd), sd)
-    base = search.at_means()
-    starts = [Start(tuple(candidate(k) for k in ks), np.zeros(len(ks)), base.theta, base.linear)
-              for ks in ((0, 1, 2), (0, 1))]  # fmt: skip
-    whole, part = refit(search, starts)
-    offered = [SimpleNamespace(candidate=candidate(k)) for k in range(3)]
-    examined = SimpleNamespace(
-        selection=SimpleNamespace(search=search, expected_gains=offered), best=whole, unnamed=None
-    )  # fmt: skip
+    examined, part = once_one_has_left(0.8, 0.5, 0.0)
     best, reasons = judging.superfluous(examined, replace(part, cost=part.cost + 1e6))
     assert (best.names, reasons) == (("effect_0", "effect_1"), {})
     assert best.cost == pytest.approx(part.cost, abs=CAL.settled)

@@ -79,12 +79,12 @@ def test_nuisances_are_linearised_beside_the_causes():
     search = JointSearch(
         problem, JointWhitening(problem, SD, amplitude_prior(SD, True, True, {}), False, 1.0), lambda *_, **__: None
     )
-    found = select(
+    result = select(
         search, [axis(0, sd=0.1)], lambda name: WORTH, lambda _, each: [0.0] * len(each.names), 1.0, lambda p: True
     )
-    (m,) = found.tried[0].m
+    (m,) = result.tried[0].m
     assert m == pytest.approx(0.8, abs=0.05)
-    np.testing.assert_allclose(found.search.moved_by(np.array([1.0])), (1 + 4 * m) * X[:, :, 0], rtol=1e-4)
+    np.testing.assert_allclose(result.search.moved_by(np.array([1.0])), (1 + 4 * m) * X[:, :, 0], rtol=1e-4)
 
 
 def test_what_acts_alike_is_among_what_was_tried_and_costs_the_same():
@@ -123,14 +123,14 @@ def test_an_exchanged_explanation_is_known_without_each_of_its_effects(monkeypat
         return [replace(best, candidates=swapped, cost=best.cost - 0.5)]
 
     monkeypatch.setattr(selection, "_exchanged", exchanged)
-    found = selected(linear_bench(smooth_columns(4), [0.0, 0.6, 0.5, 0.4], SD), 4)
-    top, costs = found.tried[0], {frozenset(own.names): own.cost for own in found.tried}
+    selection_of_all = selected(linear_bench(smooth_columns(4), [0.0, 0.6, 0.5, 0.4], SD), 4)
+    top, costs = selection_of_all.tried[0], {frozenset(each.names): each.cost for each in selection_of_all.tried}
     assert set(top.names) == of_effects(0, 2, 3)
     for gone in (2, 3):
         gain = costs[frozenset(of_effects(1, 2, 3) - of_effects(gone))] - costs[frozenset(of_effects(1, 2, 3))]
         assert costs[frozenset(of_effects(0, 2, 3) - of_effects(gone))] == pytest.approx(top.cost + gain)
-        assert cost_without(found, top, f"effect_{gone}") == pytest.approx(top.cost + gain)
-    assert cost_without(found, top, "effect_0") == costs[frozenset(of_effects(2, 3))]
+        assert cost_without(selection_of_all, top, f"effect_{gone}") == pytest.approx(top.cost + gain)
+    assert cost_without(selection_of_all, top, "effect_0") == costs[frozenset(of_effects(2, 3))]
 
 
 def test_where_nothing_acts_the_base_is_all_there_is():

@@ -72,6 +72,18 @@ class Amplitudes:
         return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(values[-1]))
 
 
+def scaled(value: Amplitudes, by: float) -> Amplitudes:
+    """Model error `by` times as large."""
+    return replace(value, share_y=value.share_y * by, share_x=value.share_x * by, floor_y=value.floor_y * by,
+                   floor_x=value.floor_x * by)  # fmt: skip
+
+
+def at_least(amplitudes: Amplitudes, least: Amplitudes) -> Amplitudes:
+    """Model error no smaller than `least`; noise of sensors as it is."""
+    names = ("share_y", "share_x", "floor_y", "floor_x", "memory_y", "memory_x")
+    return replace(amplitudes, **{name: max(getattr(amplitudes, name), getattr(least, name)) for name in names})
+
+
 @dataclass(frozen=True)
 class AmplitudePrior:
     """Prior of the amplitudes: medians, and standard deviations of the logarithms, in the order of `logarithms`."""

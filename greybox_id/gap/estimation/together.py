@@ -24,9 +24,11 @@ from .model_error import (
     ForceSizes,
     Linearised,
     ModelError,
+    at_least,
     estimated,
     linearised,
     model_error,
+    scaled,
     sizes_of,
 )
 from .noise import Whitener, colour, white_noise
@@ -120,18 +122,6 @@ def late_alike(problem: JointProblem) -> list[tuple[int, int]]:
         if cause.main.shift and (reads := cause.forms[0].candidate.reads & read)
     }  # fmt: skip
     return [(a, b) for a in delayed for b in delayed if a < b and delayed[a] == delayed[b]]
-
-
-def scaled(value: Amplitudes, by: float) -> Amplitudes:
-    """Model error `by` times as large."""
-    return replace(value, share_y=value.share_y * by, share_x=value.share_x * by, floor_y=value.floor_y * by,
-                   floor_x=value.floor_x * by)  # fmt: skip
-
-
-def at_least(amplitudes: Amplitudes, least: Amplitudes) -> Amplitudes:
-    """Model error no smaller than `least`; noise of sensors as it is."""
-    names = ("share_y", "share_x", "floor_y", "floor_x", "memory_y", "memory_x")
-    return replace(amplitudes, **{name: max(getattr(amplitudes, name), getattr(least, name)) for name in names})
 
 
 class JointSearch:

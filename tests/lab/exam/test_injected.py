@@ -106,9 +106,7 @@ def test_numbers_of_a_diagnosis_were_chosen_on_no_recording_that_is_diagnosed():
     """But scatter between runs, which was learned on laps of DART as well: of that car there are no others."""
     chosen = " ".join(data for _, _, data in provenance().values()).lower()
     assert "dart" in chosen
-    for (
-        name
-    ) in DEVELOPMENT:  # scatters of other vehicles were learned on recordings for development, none diagnosed here
+    for name in DEVELOPMENT:  # scatters of other vehicles were learned on these; none is diagnosed here
         chosen = chosen.replace(name.replace("_", " "), "")
     assert not any(word in chosen for word in ("roboracer", "truck", "ferrari", "revs"))
     known = [part for name in DEVELOPMENT for part in (*SOURCES[name].before, *SOURCES[name].after)]
