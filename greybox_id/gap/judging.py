@@ -63,8 +63,7 @@ def refused(examined: Examined, names: Collection[str], shared: Budget | None) -
     shared : their budget; None where it says nothing: shares of next to no gap, which tolerances may close by chance.
     """
     best, reasons, varying, limit = examined.best, dict[str, str](), examined.varying, may_vary(examined)
-    for candidate, at in best.parts:
-        name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
+    for name in best.names:
         if name not in names:
             continue
         share = weak(shared, name) if shared is not None else None
@@ -93,7 +92,7 @@ def refused(examined: Examined, names: Collection[str], shared: Budget | None) -
             alike = alike_of(examined, name, CAL.alike)
             beside = f"; {listed(alike)} would explain the recording equally well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, not more than one half{beside}"
-        elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
+        elif name in best.at_bounds:
             reasons[name] = "it is at its bound: a symptom of another cause, not an estimate"
         elif shared is not None and share is not None:
             judged = "on the held-out recordings" if shared.held_out else "in free run"

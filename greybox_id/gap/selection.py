@@ -119,6 +119,7 @@ def select(
     names, unsteady = [item.name for item in problem.causes], np.zeros(len(prices))
     for _ in range(CAL.spreads_weighed):
         by = dict(zip(best.names, unsteadiness(search, best), strict=True))
+        by |= dict.fromkeys(best.at_bounds, inf)  # symptoms of other causes: these are looked for without them
         seen = np.array([max(by.get(name, 0.0), known) for name, known in zip(names, unsteady, strict=True)])
         off = np.where(stage.included, discounted(gains, seen) - prices, np.inf)
         weak = np.argsort(off)[: np.count_nonzero(off < 0)]
@@ -289,6 +290,7 @@ def _exchanged(
     refits = {item.names: item for item in refit(search, starts)}
     result = [(refits[names], off) for start, off in zip(starts, offs, strict=True)
               if (names := tuple(each.effect for each in start.candidates)) in refits]  # fmt: skip
+    result = [(item, off) for item, off in result if item.names[-1] not in item.at_bounds]
     return [*renamed, *(min(item, replace(item, cost=best.cost + off), key=by_cost) for item, off in result)]
 
 

@@ -420,7 +420,7 @@ def test_chance_is_small_for_sure_effects_and_a_tenth_for_the_least_sure_one():
 @pytest.mark.parametrize(("share", "low", "applied"), [(0.14, -0.02, True), (0.14, -0.6, True), (0.01, -0.02, False)])
 def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, share, low, applied):
     own = candidate(0)
-    best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
+    best = SimpleNamespace(names=(own.effect,), at_bounds=frozenset())
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(
@@ -760,7 +760,7 @@ def test_what_cannot_be_told_apart_is_ranked_by_what_is_sure_of_it_together():
 
 def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch):
     own = candidate(0)
-    best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
+    best = SimpleNamespace(names=(own.effect,), at_bounds=frozenset())
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(

@@ -19,16 +19,17 @@ from greybox_id.gap.selection import cost_without, select
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
 
-def cause(index):
-    own = candidate(index)
+def cause(index, **more):
+    own = candidate(index, **more)
     return PossibleCause(own.effect, own.axes[0], (Form(own, (), ()),), 1.0, 0.0, True)
 
 
 def selected(
     bench, count, nuisances=(), costs=lambda name: WORTH, unsteady=lambda search, each: [0.0] * len(each.names),
-    stands=lambda p: True,
+    stands=lambda p: True, bounds=(),
 ):  # fmt: skip
-    problem = JointProblem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
+    causes = [cause(k, **dict(bounds).get(k, {})) for k in range(count)]
+    problem = JointProblem(bench, nuisances, causes, bench.counted)
     search = JointSearch(
         problem, JointWhitening(problem, SD, amplitude_prior(SD, True, True, {}), False, 1.0), lambda *_, **__: None
     )
@@ -112,6 +113,27 @@ def test_another_cause_is_an_alias_as_far_as_nothing_is_gained_beside_it(monkeyp
 
     assert aliases(gains) == of_effects(2)
     assert aliases(100.0 * gains) == set()  # each nat to first order is a hundred
+
+
+@pytest.mark.parametrize(("bound", "alike"), [(1.2, True), (0.3, False)])
+def test_what_acts_alike_only_beyond_its_bound_stands_for_nothing(bound, alike):
+    X = smooth_columns(4)
+    X[:, :, 2] = 1.01 * X[:, :, 0]
+    result = selected(
+        linear_bench(X, [0.8, 0.5, 0.0, 0.0], SD), 4, bounds={2: {"low": -bound, "high": bound}}
+    )  # fmt: skip
+    assert ({"effect_1", "effect_2"} in [set(each.names) for each in result.tried]) == alike
+
+
+def test_effects_at_their_bounds_leave_and_the_rest_is_searched_again(monkeypatch):
+    """They are symptoms of other causes, in whose place they stand."""
+    X = smooth_columns(4)
+    X[:, :, 2] = X[:, :, 0] + 0.3 * X[:, :, 2]
+    bench = linear_bench(X, [0.8, 0.5, 0.0, 0.0], SD)
+    assert set(selected(bench, 4).tried[0].names) == of_effects(0, 1)
+    bounded = property(lambda each: frozenset({"effect_0"} & set(each.names)))
+    monkeypatch.setattr(selection.Hypothesis, "at_bounds", bounded)
+    assert set(selected(bench, 4).tried[0].names) >= of_effects(1, 2)
 
 
 def test_an_exchanged_explanation_is_known_without_each_of_its_effects(monkeypatch):

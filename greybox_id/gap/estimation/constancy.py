@@ -169,7 +169,7 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
 def discounted(gain: Array | float, unsteady: Array | float) -> Array:
     """The gain of an effect, in nats, given its unsteadiness: half of m^2 over the sum of both variances."""
     finite = np.clip(gain, 0.0, 1e12)  # where a refit without it leaves the range of numbers, a gain is infinite
-    return np.asarray(finite / (1.0 + 2.0 * finite * unsteady))
+    return np.asarray(finite / (1.0 + 2.0 * finite * np.minimum(unsteady, 1e12)))
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:

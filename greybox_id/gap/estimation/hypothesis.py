@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.shorthands import Array
 from .axes import Axis, Candidate
+from .calibration import CAL
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,16 @@ class Hypothesis:
     def main(self, effect: str) -> tuple[Axis, int]:
         """The axis of an effect's magnitude, and the place of its coordinate."""
         return next((item.axes[0], at.start) for item, at in self.parts if item.effect == effect)
+
+    @property
+    def at_bounds(self) -> frozenset[str]:
+        """Effects whose magnitudes are at a bound: symptoms of other causes, no estimates."""
+        near = ((item, item.axes[0], self.m[at.start]) for item, at in self.parts)
+        return frozenset(
+            item.effect
+            for item, axis, m in near
+            if min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale
+        )
 
     def only(self, effects: Collection[str]) -> Hypothesis:
         """Some of its effects at their present coordinates; the cost is not known yet."""

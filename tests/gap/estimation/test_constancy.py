@@ -151,3 +151,5 @@ def test_an_unsteady_magnitude_gains_no_more_than_its_own_scatter_allows():
     assert discounted(np.inf, 0.0) > 1e11
     assert discounted(np.inf, 0.05) == pytest.approx(10.0)
     assert discounted(1e9, 0.05) == pytest.approx(10.0)  # half of m^2 over tau^2 / K
+    assert discounted(20.0, np.inf) == pytest.approx(0.0, abs=1e-11)
+    assert discounted(0.0, np.inf) == 0.0

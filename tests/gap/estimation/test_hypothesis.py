@@ -22,6 +22,13 @@ def test_each_candidate_has_its_coordinates():
     assert own.main("lag") == (own.candidates[1].axes[0], 2)
 
 
+def test_effects_at_their_bounds_are_known():
+    bounded = [Candidate(name, (axis(k, low=0.0, high=0.2),)) for k, name in enumerate(("grip", "lag", "bias"))]
+    J = np.zeros((3, 2, 3))
+    place = Hypothesis(tuple(bounded), np.array([0.0, 0.1, 0.2]), np.zeros(2), np.zeros(1), 7.0, np.ones((3, 2)), J)
+    assert place.at_bounds == {"grip", "bias"}
+
+
 @pytest.mark.parametrize(
     ("kept", "places"), [({"gust", "bias"}, [0, 1, 3]), ({"lag"}, [2]), (set(), []), ({"other"}, [])]
 )
