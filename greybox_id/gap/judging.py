@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import exp, log
 
@@ -20,7 +20,7 @@ from .estimation.refit import refit
 from .evidence import costs, probability
 from .examining import TINY, Examined
 from .gap import Budget
-from .selection import cost_without, refitted
+from .selection import cost_without
 from .unknown import is_unnamed_gap, unknown_probability
 
 
@@ -325,7 +325,30 @@ def restricted_to(examined: Examined, names: Collection[str]) -> Hypothesis:
     if not set(names) & set(best.names):
         return selection.base
     # of those tried, explanations without one effect have costs alone: their coordinates are those beside it
-    return best if set(best.names) <= set(names) else refitted(selection.search, best.only(names))
+    return (
+        best if set(best.names) <= set(names) else _with_only(examined, [names]).get(frozenset(names), best.only(names))
+    )
+
+
+def _with_only(
+    examined: Examined, sets: Sequence[Collection[str]], *near: Hypothesis
+) -> dict[frozenset[str], Hypothesis]:
+    """The best explanation with only some of its effects, refitted, for several sets of these; none that overflow.
+
+    Nuisances beside all effects may be far from those beside some, where a car nearly spins. Refits therefore begin at
+    them, at those beside none, and at the prior means, and near hypotheses, if there are any.
+    """
+    search, base = examined.selection.search, examined.selection.base
+    means = search.at_means()
+    starts = list[Start]()
+    for names in sets:
+        there = examined.best.only(names)
+        starts += [Start(there.candidates, there.m, each.theta, each.linear) for each in (there, base, means)]
+        starts += [search.start_of(each.only(names)) for each in near]
+    result = dict[frozenset[str], Hypothesis]()
+    for item in sorted(refit(search, starts), key=by_cost):
+        result.setdefault(frozenset(item.names), item)
+    return result
 
 
 def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[str, str]]:
@@ -341,8 +364,7 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
     search, reasons = examined.selection.search, dict[str, str]()
     needed = costs(examined.unnamed is not None, [item.candidate for item in examined.selection.expected_gains])
     while best.names and set(best.names) != set(examined.best.names):
-        starts = [search.start_of(best.only(set(best.names) - {name})) for name in best.names]
-        rest = {frozenset(item.names): item for item in refit(search, starts)}
+        rest = _with_only(examined, [set(best.names) - {name} for name in best.names], best)
         gains = {
             name: (without.cost - best.cost) / search.trust
             for name in best.names

@@ -219,9 +219,11 @@ def refitted(search: Search, again: Hypothesis) -> Hypothesis:
 
 
 def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
-    """A hypothesis refitted, with nuisances linearised about it."""
+    """A hypothesis refitted, with nuisances linearised about it, and begun there and at their prior means."""
     search.about(hypothesis)
-    return settled(search, _within_numbers(search, [replace(search.start_of(hypothesis), slopes=None)])[0], 1)
+    means = search.at_means()
+    starts = [Start(hypothesis.candidates, hypothesis.m, each.theta, each.linear) for each in (hypothesis, means)]
+    return settled(search, min(_within_numbers(search, starts), key=by_cost), 1)
 
 
 def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:

@@ -13,6 +13,7 @@ from gap_cases import (
     CAR,
     NOISE,
     NUMBERS,
+    GivenBench,
     alone,
     axis,
     candidate,
@@ -353,7 +354,7 @@ def once_one_has_left(*truth):
     base, effects = search.at_means(), tuple(candidate(k) for k in range(3))
     whole, part = refit(search, [Start(effects[:n], np.zeros(n), base.theta, base.linear) for n in (3, 2)])
     offered = [SimpleNamespace(candidate=each) for each in effects]
-    selection = SimpleNamespace(search=search, expected_gains=offered)
+    selection = SimpleNamespace(search=search, expected_gains=offered, base=base)
     return SimpleNamespace(selection=selection, best=whole, unnamed=None), part
 
 
@@ -367,6 +368,25 @@ def test_a_cause_that_was_needed_beside_those_that_left_leaves_with_them():
     assert list(reasons) == ["effect_1"]
     assert reasons["effect_1"].startswith("without effect_2, it raises the log-likelihood by ")
     assert judging.superfluous(examined, whole) == (whole, {})  # none has left
+
+
+def test_without_some_effects_refits_begin_where_the_car_does_not_spin_either():
+    """Beside all effects, tolerances stood where the car spins without one of these: a true cause came out as none."""
+    X, sd = smooth_columns(3), np.array([0.1, 0.4])
+
+    def respond(p):
+        y = X @ np.array([p[0], p[1], 0.01 * p[2]])
+        return y if p[2] < 1.0 + 10.0 * p[1] else np.full_like(y, 1e6)
+
+    bench = GivenBench(respond, X @ np.array([0.8, 0.0, 0.0]), 3)
+    search = search_on(bench, sd, (axis(2, sd=1.0),))
+    base, effects = search.at_means(), (candidate(0), candidate(1))
+    (whole,) = refit(search, [Start(effects, np.array([0.8, 0.5]), np.array([3.0]), base.linear)])
+    far = replace(whole, m=np.array([0.8, 0.5]), theta=np.array([3.0]))
+    examined = SimpleNamespace(selection=SimpleNamespace(search=search, base=base), best=far)
+    best = judging.restricted_to(examined, {"effect_0"})
+    assert best.m[0] == pytest.approx(0.8, abs=1e-3)
+    assert best.cost == pytest.approx(refit(search, [alone(search, candidate(0))])[0].cost)
 
 
 def test_a_refit_that_ends_above_one_with_fewer_effects_begins_again_from_there():
