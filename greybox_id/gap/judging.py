@@ -124,12 +124,11 @@ def closes_too_little(shared: Budget, exact: bool) -> str:
 def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[dict[str, str], dict[str, float]]:
     """Effects of the best explanation whose sizes may be none, and why; and for the others, how likely chance is.
 
-    The others are as many as the share `level` of such effects that are not there allows (false discovery rate;
-    Benjamini & Hochberg, Journal of the Royal Statistical Society B 57, 1995): a single effect must be as far from none
-    as the largest of all offered effects rarely is, several that are sure together less. A mimic of model-form errors
-    has gained as much as causes do, but its size is undetermined once these errors are counted. Insignificant effects
-    leave, the others move to their values without them, and must be significant there, too: one that is so only once
-    another has left stands for that one.
+    One that is not there is among the others with a probability of at most `level` (Holm, Scandinavian Journal of
+    Statistics 6, 1979): each must be as far from none as the largest of all offered effects rarely is, less those that
+    are surer. A mimic of model-form errors has gained as much as causes do, but its size is undetermined once these
+    errors are counted. Insignificant effects leave, the others move to their values without them, and must be
+    significant there, too: one that is so only once another has left stands for that one.
 
     Limits, lags and plays may have no slope at none, and effects with second parameters act otherwise near none: for
     these, the root of twice the likelihood ratio is the distance from none in standard deviations, too (Wilks, Annals
@@ -139,7 +138,7 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
     Parameters
     ----------
     sizes : how well the best explanation's sizes are known.
-    level : share of effects that are not there among those that are significant.
+    level : probability that an effect is significant that is not there.
 
     Returns
     -------
@@ -163,7 +162,7 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
         weak = {name: each for name, each, by in zip(names, z.tolist(), least, strict=True) if by > level}
         if not weak:
             return reasons, dict(zip(names, least.tolist(), strict=True))
-        surely = -float(ndtri(0.5 * level * (len(names) - len(weak) + 1) / max(offered, 1)))
+        surely = -float(ndtri(0.5 * level / max(offered - len(names) + len(weak), 1)))
         for name, each in weak.items():
             reasons[name] = (
                 f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and of "
@@ -178,11 +177,11 @@ def insignificant(examined: Examined, sizes: KnownSizes, level: float) -> tuple[
 
 
 def _least_levels(z: Array, offered: int) -> Array:
-    """(effects,) least false discovery rate at which effects so many sds from none are significant."""
+    """(effects,) least level at which effects so many sds from none are significant, by Holm's procedure."""
     order = np.argsort(-z)
-    rates = 2.0 * ndtr(-z[order]) * offered / np.arange(1, len(z) + 1)
+    levels = 2.0 * ndtr(-z[order]) * np.maximum(offered - np.arange(len(z)), 1)
     result = np.empty(len(z))
-    result[order] = np.minimum.accumulate(rates[::-1])[::-1]
+    result[order] = np.maximum.accumulate(levels)
     return np.minimum(result, 1.0)
 
 

@@ -157,7 +157,7 @@ class Calibration:
     most_knots: int = _known(120, "most knots of a course: then they are farther apart", SEARCHED)
     present: float = _known(0.5, "probability from which on an effect is called present", DEFINED)
     suspected: float = _known(0.25, "the same of something unnamed, from which on varying effects are tried: nulls .13")
-    by_chance: float = _known(0.1, "share of effects that are not there among those that are significant", DEFINED)
+    by_chance: float = _known(0.05, "how often an effect is named by chance that is not there, a recording", DEFINED)
     least_share: float = _known(0.02, "least share of the held-out excess that a cause closes", DEFINED)
     least_gap: float = _known(0.01, "least excess over the floor, as a share of noise, to divide shares by", DEFINED)
     no_gap: float = _known(1e-3, "mean excess, in squared noise sds, that is not shared out between regimes", DEFINED)
