@@ -375,11 +375,9 @@ def superfluous(examined: Examined, best: Hypothesis) -> tuple[Hypothesis, dict[
         if gains[least] < 0.0 and (better := _from_fewer(examined, best, rest[frozenset(best.names) - {least}])):
             best = better
             continue
-        left = [name for name in examined.best.names if name not in best.names]
-        reasons[least] = (
-            f"without {listed(left)}, it raises the log-likelihood by {number(max(gains[least], 0.0), 2)}, and "
-            f"{number(needed(least), 2)} is needed"
-        )
+        left = listed([name for name in examined.best.names if name not in best.names])
+        little = f"it raises the log-likelihood by {number(gains[least], 2)}, and {number(needed(least), 2)} is needed"
+        reasons[least] = f"without {left}, {little if gains[least] > 0.0 else 'it explains nothing'}"
         best = rest[frozenset(best.names) - {least}]
     return best, reasons
 

@@ -19,7 +19,7 @@ from .estimation.axes import Axis, Candidate
 from .estimation.calibration import CAL
 from .estimation.constancy import discounted
 from .estimation.hypothesis import Hypothesis, Start, by_cost
-from .estimation.problem import FORM
+from .estimation.problem import FORM, JointProblem
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
 from .estimation.together import JointSearch, JointStage, JointWhitening
@@ -95,78 +95,121 @@ def select(
     trust : how many independent readings one counts as.
     stands : whether free runs with a parameter vector do not spin; where they do, no effect is considered.
     """
-    problem = together.problem
-    prices = np.array([
-        costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
-    ])  # fmt: skip
-    stage, disputed = walked(together)
-    stage, prices = together.explained(stage), prices + disputed
-    if stands(problem.vector(stage.state)):
-        stage = together.exchanged(stage)
-    else:
-        stage, prices = (
-            together.refitted(stage, np.zeros_like(stage.included), CAL.exchange_steps),
-            np.full_like(prices, inf),
-        )
+    stage, prices, apart = _walked(together, costs, stands)
     nothing = np.zeros(len(prices))
-    stage, gains = together.pruned(stage, prices, nothing, nothing)
-    axes = [replace(a, sd=a.sd * stage.error_scale, scale=a.scale * stage.error_scale) if a.name.startswith(FORM) else a
-            for a in nuisances]  # fmt: skip
-    search = Search(problem.bench, axes, stage.whitener, trust, stage.error_scale)
-    search.nominal[:] = problem.nominal
-    search.about(None)
-    best = _refitted(search, _placed(search, together, stage))
-    names, unsteady = [item.name for item in problem.causes], np.zeros(len(prices))
-    for _ in range(CAL.spreads_weighed):
-        by = dict(zip(best.names, unsteadiness(search, best), strict=True))
-        by |= dict.fromkeys(best.at_bounds, inf)  # symptoms of other causes: these are looked for without them
-        seen = np.array([max(by.get(name, 0.0), known) for name, known in zip(names, unsteady, strict=True)])
-        off = np.where(stage.included, discounted(gains, seen) - prices, np.inf)
-        weak = np.argsort(off)[: np.count_nonzero(off < 0)]
-        if not len(weak):
-            break
-        worse = weak[: -(-len(weak) // 2)]  # these may be why others differ between parts
-        unsteady[worse] = seen[worse]
-        later, gained = together.pruned(stage, prices, unsteady, gains)
-        again = _refitted(search, _placed(search, together, later))
-        if np.any(later.included) and not again.names:  # simulations with these overflow
-            break
-        stage, gains, best = later, gained, again
+    explained = _Explained(*together.pruned(stage, prices, nothing, nothing), nothing)
+    search = _search_at(together.problem, explained.stage, nuisances, trust)
+    explained, best = _weighed_by_parts(search, together, explained, prices, unsteadiness)
     place = search.place()
     base = _base(search, best)
     if not best.names:  # no effect is left that a small model error would favour
         base = best = _in_shown_error(search, together.whitening, base)
     else:  # sizes and sds of its effects follow from what nuisances do beside them, not without them
         search.back(place)
-    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # the refit failed, far from linear
-        gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
-    alike = _exchanged(search, together, stage, best, gains) if best.names else []
+    if best.names and base.cost - best.cost < 0.5 * float(np.max(explained.gains)):  # the refit failed, far from linear
+        explained = replace(explained, gains=np.minimum(explained.gains, max(base.cost - best.cost, 0.0)))
+    alike = _exchanged(search, together, explained.stage, best, explained.gains) if best.names else []
+    names = [cause.name for cause in together.problem.causes]
     if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # both may explain more than either
-        included = stage.included | np.isin(names, min(alike, key=by_cost).names)
-        stage, gains = together.pruned(together.refitted(stage, included, CAL.exchange_steps), prices, unsteady, gains)
+        included = explained.stage.included | np.isin(names, min(alike, key=by_cost).names)
+        both = together.refitted(explained.stage, included, CAL.exchange_steps)
+        stage, gains = together.pruned(both, prices, explained.unsteady, explained.gains)
+        explained = replace(explained, stage=stage, gains=gains)
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again, gains)]
-    without = _without_each(search, best, names, gains)
+    without = _without_each(search, best, names, explained.gains)
     if (top := min((best, *alike), key=by_cost)) is not best:
-        without += _without_each(search, top, names, gains)
+        without += _without_each(search, top, names, explained.gains)
     base = min((base, *(replace(base, cost=item.cost) for item in without if not item.names)), key=by_cost)
-    tried, offered = [best, *without, *alike], expected_gains(together, stage)
+    tried, offered = [best, *without, *alike], expected_gains(together, explained.stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
-        first = offered[: CAL.listed]
-        starts = [
-            Start((_as_refitted(item.candidate),), np.array(item.start), base.theta, base.linear) for item in first
-        ]
-        listed = refit(search, starts)  # for the list only: the joint search has decided that none gains enough
-        tried += [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in listed]
-    alone = dict[frozenset[str], Hypothesis]()
+        tried += _alone(search, base, offered[: CAL.listed], costs)
+    each = dict[frozenset[str], Hypothesis]()
     for item in tried:  # the best explanation stands before those that cost the same
         if item.names:
-            alone.setdefault(frozenset(item.names), item)
-    result = sorted(alone.values(), key=by_cost)
+            each.setdefault(frozenset(item.names), item)
+    result = sorted(each.values(), key=by_cost)
     if result:
         result = [*with_slopes(search, result[:1]), *result[1:]]
-    return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)), best.names)
+    return Selection(search, base, tuple(result), offered, apart, best.names)
+
+
+@dataclass(frozen=True)
+class _Explained:
+    """What the joint search explains.
+
+    Attributes
+    ----------
+    stage : its state.
+    gains : (causes,) log-likelihood that each of its causes gains beside the others.
+    unsteady : (causes,) how magnitudes differ between parts of the drive, as far as gains were discounted for it.
+    """
+
+    stage: JointStage
+    gains: Array
+    unsteady: Array
+
+
+def _walked(
+    together: JointSearch, costs: Callable[[str], float], stands: Callable[[Array], bool]
+) -> tuple[JointStage, Array, float]:
+    """The stage with most evidence, what each cause must gain, (causes,), and by how much two walks differ."""
+    problem = together.problem
+    prices = np.array([
+        costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
+    ])  # fmt: skip
+    stage, disputed = walked(together)
+    stage, apart = together.explained(stage), float(np.max(disputed, initial=0.0))
+    if stands(problem.vector(stage.state)):
+        return together.exchanged(stage), prices + disputed, apart
+    stage = together.refitted(stage, np.zeros_like(stage.included), CAL.exchange_steps)
+    return stage, np.full_like(prices, inf), apart
+
+
+def _search_at(problem: JointProblem, stage: JointStage, nuisances: Sequence[Axis], trust: float) -> Search:
+    """What refits hypotheses in the model error of a stage, model-form errors in proportion to it."""
+    axes = [replace(a, sd=a.sd * stage.error_scale, scale=a.scale * stage.error_scale) if a.name.startswith(FORM) else a
+            for a in nuisances]  # fmt: skip
+    search = Search(problem.bench, axes, stage.whitener, trust, stage.error_scale)
+    search.nominal[:] = problem.nominal
+    search.about(None)
+    return search
+
+
+def _weighed_by_parts(
+    search: Search, together: JointSearch, explained: _Explained, prices: Array, unsteadiness: Unsteadiness
+) -> tuple[_Explained, Hypothesis]:
+    """What is explained by causes that gain enough although their magnitudes differ between parts, and its hypothesis.
+
+    Causes at their bounds are symptoms of others, which are looked for without them.
+    """
+    best, unsteady = _refitted(search, _placed(search, together, explained.stage)), explained.unsteady.copy()
+    names = [cause.name for cause in together.problem.causes]
+    for _ in range(CAL.spreads_weighed):
+        by = dict(zip(best.names, unsteadiness(search, best), strict=True)) | dict.fromkeys(best.at_bounds, inf)
+        seen = np.array([max(by.get(name, 0.0), known) for name, known in zip(names, unsteady, strict=True)])
+        off = np.where(explained.stage.included, discounted(explained.gains, seen) - prices, np.inf)
+        weak = np.argsort(off)[: np.count_nonzero(off < 0)]
+        if not len(weak):
+            break
+        worse = weak[: -(-len(weak) // 2)]  # these may be why others differ between parts
+        unsteady[worse] = seen[worse]
+        later, gained = together.pruned(explained.stage, prices, unsteady, explained.gains)
+        again = _refitted(search, _placed(search, together, later))
+        if np.any(later.included) and not again.names:  # simulations with these overflow
+            break
+        explained, best = replace(explained, stage=later, gains=gained), again
+    return replace(explained, unsteady=unsteady), best
+
+
+def _alone(
+    search: Search, base: Hypothesis, offered: Sequence[ExpectedGain], costs: Callable[[str], float]
+) -> list[Hypothesis]:
+    """Single effects, refitted for the list only: the joint search has decided that none gains enough."""
+    starts = [Start((_as_refitted(item.candidate),), np.array(item.start), base.theta, base.linear) for item in offered]
+    result = refit(search, starts)
+    return [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in result]
 
 
 def cost_without(selection: Selection, hypothesis: Hypothesis, name: str) -> float:
