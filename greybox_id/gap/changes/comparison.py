@@ -62,7 +62,7 @@ class ChangeComparison:
 
     def mean(self, places: Places) -> Array:
         """Coordinates of the vehicle as it was before, with the changes that two columns show and those of a set."""
-        x = self.known.x + self.search.sets[places].shift
+        x = self.known.x + self.search.sizes(places)
         for place, by in self.direct.items():
             x[place] += by.shift
         return x
@@ -134,11 +134,12 @@ class ChangeComparison:
             one = self.search.change(places, place)
             if one.beyond > CAL.reach_sd:
                 why = "it is implausibly large: a symptom of another cause, not an estimate"
-            sd = max(louder, 1.0) * float(np.hypot(one.shift[1], self.known.scatter[place]))
-            sd = float(np.hypot(sd, self._form(place) * one.shift[0]))
+            sd = max(louder, 1.0) * float(np.hypot(one.sd, self.known.scatter[place]))
+            size = float(self.search.sizes(places)[place])
+            sd = float(np.hypot(sd, self._form(place) * size))
             mates = self.search.alike(places, place) if place in self.places or place in self.doubted else ()
             alike, p = tuple(self.effect(mate) for mate in mates), self.search.probability(place)
-            result.append(self._ranked(place, one.shift[0], sd, p, one.total, indistinguishable_from=alike, reason=why))
+            result.append(self._ranked(place, size, sd, p, one.total, indistinguishable_from=alike, reason=why))
         return tuple(result)
 
     def _form(self, place: int) -> float:

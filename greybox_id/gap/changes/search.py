@@ -48,13 +48,13 @@ class Change:
 
     Attributes
     ----------
-    shift : its change beyond scatter, in its coordinate, and the standard deviation of that.
+    sd : standard deviation of its change beyond scatter, in its coordinate.
     beyond : size of the change, over the width of what a change may be.
     total : log evidence that it gains on all recordings.
     least : see `margin`.
     """
 
-    shift: tuple[float, float]
+    sd: float
     beyond: float
     total: float
     least: float
@@ -152,7 +152,20 @@ class ChangeSearch:
         sd = float(change_sds(there.explained.information, self._prior(rest))[place])
         total, beyond = self._in_all(gain, held_out), self._beyond(places, place)
         least = margin(total, gain, held_out, beyond, self.cost)
-        return Change((float(there.shift[place]), sd), beyond, total, least)
+        return Change(sd, beyond, total, least)
+
+    def sizes(self, places: Places) -> Array:
+        """(n,) changes of a set beyond scatter, in their coordinates, as recordings determine them.
+
+        The width of what a change may be is a prior for the choice of sets. Sizes are drawn towards none by it, so it
+        is replaced by one that lets them go as far as they may, to first order about the set's optimum.
+        """
+        there, mean = self.sets[places].explained, self.known.x
+        wide = self._prior(places, CAL.reach_sd)
+        P = np.linalg.inv(wide)
+        x = there.x - np.linalg.solve(there.information + P, there.pull + P @ (there.x - mean))
+        low, high = np.array([[number.low, number.high] for number in self.known.numbers]).T
+        return self._beyond_scatter(wide, np.clip(x, low, high))
 
     def best(self, of: Places | None = None) -> Places:
         """The most probable set, of a set's parts or all, of which each change gains what it must beside the others."""
@@ -256,10 +269,11 @@ class ChangeSearch:
 
     def _judge(self, places: Places, refit: RunExplained, beside: Places) -> None:
         """Explain the recordings that judge a set, from where they are with a similar one, which may gain by it."""
-        shift, other = self._shift(places, refit), self.sets[beside]
+        shift, other = self._beyond_scatter(self._prior(places), refit.x), self.sets[beside]
         shifts = [shift] * len(self._judges)
         if not self.apart:
-            shifts = [self._shift(places, self._refitted(half, places, refit.x)) for half in reversed(self._halves)]
+            by_half = [self._refitted(half, places, refit.x) for half in reversed(self._halves)]
+            shifts = [self._beyond_scatter(self._prior(places), each.x) for each in by_half]
         means = tuple(self.known.x + by for by in shifts)
         judged, improved = list[RunExplained](), list[RunExplained]()
         for judge, alone, before, mean in zip(self._judges, other.judged, other.means, means, strict=True):
@@ -290,21 +304,21 @@ class ChangeSearch:
         offs = np.array(tried) - known.x
         costs = 0.5 * np.einsum("ti,ij,tj->t", offs, precision, offs)
         costs += np.sum([known.weigher.costs(ride, tried) for ride in self.rides], axis=0)
-        best = int(np.argmin(costs))
-        starts = (tried[best],) if best < 2 else (tried[best], base.x)
-        return base.cost - float(costs[best]), starts
+        best, afresh = int(np.argmin(costs)), len(tried) - len(CAL.changed_starts)
+        second = afresh + int(np.argmin(costs[afresh:]))  # the best one with other numbers as before
+        starts = dict.fromkeys((best, second) if best < 2 else (best, second, 0))
+        return base.cost - float(costs[best]), tuple(tried[k] for k in starts)
 
-    def _prior(self, places: Places) -> Array:
+    def _prior(self, places: Places, widths: float = 1.0) -> Array:
         """(n, n) prior covariance of all numbers of a run, widened for a set of changes."""
         V = self.known.of_a_run.copy()
         for place in places:
-            V[place, place] += self.known.numbers[place].change ** 2
+            V[place, place] += (widths * self.known.numbers[place].change) ** 2
         return V
 
-    def _shift(self, places: Places, refit: RunExplained) -> Array:
+    def _beyond_scatter(self, covariance: Array, x: Array) -> Array:
         """(n,) changes beyond scatter: parts of deviations that are due to the widening of priors."""
-        covariance = self._prior(places)
-        return np.asarray((covariance - self._prior(NONE)) @ np.linalg.solve(covariance, refit.x - self.known.x))
+        return np.asarray((covariance - self._prior(NONE)) @ np.linalg.solve(covariance, x - self.known.x))
 
     def _refitted(self, rides: Sequence[FollowedRun], places: Places, *starts: Array) -> RunExplained:
         return min((self._explained(rides, places, self.known.x, x) for x in starts), key=lambda one: one.cost)

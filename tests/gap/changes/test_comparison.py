@@ -17,7 +17,7 @@ SHIFT, SD = 0.5, 0.01
 
 
 def compared(named=NONE, gain=1.0, probabilities=(0.9, 0.9), alike=()):
-    shown = Change((SHIFT, SD), 1.0, 20.0, 5.0)
+    shown = Change(SD, 1.0, 20.0, 5.0)
     names = {ARM: 0.0, OFFSET: 0.0, GAIN: np.log(gain)}
     numbers = tuple(VaryingNumber(name, name == GAIN, 0.0, 1.0, 1e-3, -4.0, 4.0, 0.01, 1.0) for name in names)
     known = SimpleNamespace(numbers=numbers, x=np.array([*names.values()]), scatter=np.zeros(3), varying=(0, 1, 2))
@@ -25,8 +25,7 @@ def compared(named=NONE, gain=1.0, probabilities=(0.9, 0.9), alike=()):
         best=lambda of=None: named if of is None else NONE, tried=[0, 1], likeliest=lambda place: frozenset({place}),
         change=lambda places, place: shown, alike=lambda places, place: alike,
         probability=lambda *places: sum(probabilities[k] for k in places) if alike else probabilities[places[0]],
-        sets={places: SimpleNamespace(shift=np.array([SHIFT * (k in places) for k in range(3)]))
-              for places in (NONE, frozenset({0}))},
+        sizes=lambda places: np.array([SHIFT * (k in places) for k in range(3)]),
     )  # fmt: skip
     possible = {name: EFFECTS[name] for name in names}
     return ChangeComparison(possible, known, [], [], ((), ()), [], {}, search)
