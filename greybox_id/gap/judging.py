@@ -323,10 +323,11 @@ def restricted_to(examined: Examined, names: Collection[str]) -> Hypothesis:
     selection, best = examined.selection, examined.best
     if not set(names) & set(best.names):
         return selection.base
+    if set(best.names) <= set(names):
+        return best
     # of those tried, explanations without one effect have costs alone: their coordinates are those beside it
-    return (
-        best if set(best.names) <= set(names) else _with_only(examined, [names]).get(frozenset(names), best.only(names))
-    )
+    rest = best.only(names)
+    return _with_only(examined, [rest.names]).get(frozenset(rest.names), rest)
 
 
 def _with_only(
@@ -334,8 +335,8 @@ def _with_only(
 ) -> dict[frozenset[str], Hypothesis]:
     """The best explanation with only some of its effects, refitted, for several sets of these; none that overflow.
 
-    Nuisances beside all effects may be far from those beside some, where a car nearly spins. Refits therefore begin at
-    them, at those beside none, and at the prior means, and near hypotheses, if there are any.
+    Where a car nearly spins, nuisances beside all effects may be far from those beside some. Refits therefore begin
+    there, where nuisances are without any effect, at the prior means, and at the `near` hypotheses, if there are any.
     """
     search, base = examined.selection.search, examined.selection.base
     means = search.at_means()
