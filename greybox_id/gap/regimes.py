@@ -24,8 +24,9 @@ EQUATIONS = {
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     """Signals that define regimes, per row: as simulated, for readings share their noise with residuals."""
     outputs = np.where(bench.counted, y, np.nan_to_num(bench.measured))
-    names = (*bench.channels, *bench.model.inputs)
-    result = dict(zip(names, [*outputs.T, *bench.inputs.T], strict=True))
+    read = np.any(bench.counted, axis=0)  # some channels are in no recording
+    result = {name: values for name, values, there in zip(bench.channels, outputs.T, read, strict=True) if there}
+    result |= dict(zip(bench.model.inputs, bench.inputs.T, strict=True))
     if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # lateral acceleration without its sensor
         result["a_y"] = result["v_x"] * result["yaw_rate"]
     return {name: _smooth(values, bench) for name, values in result.items()}

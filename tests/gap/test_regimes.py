@@ -112,3 +112,15 @@ def test_time_runs_on_between_recordings():
     one = np.array([0.5, 1.5, 2.5])
     np.testing.assert_allclose(running(one), one)
     np.testing.assert_allclose(running(np.concatenate([one, one])), [0.5, 1.5, 2.5, 3.5, 4.5, 5.5])
+
+
+def test_lateral_acceleration_without_its_readings_is_speed_times_yaw_rate():
+    """A model predicts it, and no recording holds it: all was "driving straight on", and turns "hardly driven"."""
+    yaw_rate = np.where(TIME % 6 < 3, 0.4 * np.sin(2 * np.pi * TIME / 3), 0.0)
+    measured = np.column_stack([yaw_rate, np.full(ROWS, np.nan)])
+    predicted = np.column_stack([yaw_rate, np.zeros(ROWS)])
+    inputs = {"steer": yaw_rate, "v_x": np.full(ROWS, 15.0)}
+    bench = GivenBench(lambda _: predicted, measured, 0, channels=("yaw_rate", "a_y"), inputs=inputs)
+    seen = signals(bench, predicted)
+    assert np.max(np.abs(seen["a_y"])) == pytest.approx(6.0, rel=0.05)
+    assert 0.2 < np.mean(regimes(bench, seen)["lateral"]) < 0.6
