@@ -20,11 +20,17 @@ EQUATIONS = {
 }  # fmt: skip
 """Group of effects -> the part of the equations they act on."""
 
+DEFINED_BY = {
+    "straight": {"a_y"}, "lateral": {"a_y"}, "high_lateral": {"a_y"}, "transient": {"steer"}, "acceleration": {"a_x"},
+    "braking": {"a_x"}, "combined": {"a_x", "a_y"}, "high_speed": {"v_x"},
+}  # fmt: skip
+"""Signals without which nothing can be said about a regime."""
+
 
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     """Signals that define regimes, per row: as simulated, for readings share their noise with residuals."""
     outputs = np.where(bench.counted, y, np.nan_to_num(bench.measured))
-    read = np.any(bench.counted, axis=0)  # some channels are in no recording
+    read = np.any(np.isfinite(bench.measured), axis=0)  # some channels are in no recording
     result = {name: values for name, values, there in zip(bench.channels, outputs.T, read, strict=True) if there}
     result |= dict(zip(bench.model.inputs, bench.inputs.T, strict=True))
     if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # lateral acceleration without its sensor
@@ -33,7 +39,7 @@ def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
 
 
 def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, Mask]:
-    """Rows of each regime."""
+    """Rows of each regime that these signals define."""
     count = len(bench.measured)
     nothing = np.zeros(count)
     v, a_y, a_x = (seen.get(name, nothing) for name in ("v_x", "a_y", "a_x"))
@@ -41,7 +47,7 @@ def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, Mask]:
     across, along = np.abs(a_y) / _top(a_y), a_x / _top(a_x)
     rate = np.abs(np.concatenate([np.gradient(steer[rows]) for rows in bench.rows]))
     place = np.arange(count) / max(count, 1)
-    return {
+    result = {
         "straight": across < 0.15,
         "lateral": across > 0.3,
         "high_lateral": across > 0.7,
@@ -52,6 +58,7 @@ def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, Mask]:
         "high_speed": v > np.quantile(v, 0.75),
         "time_drift": place > 2 / 3,
     }
+    return {name: rows for name, rows in result.items() if seen.keys() >= DEFINED_BY.get(name, set())}
 
 
 def where(

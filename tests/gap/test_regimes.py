@@ -124,3 +124,4 @@ def test_lateral_acceleration_without_its_readings_is_speed_times_yaw_rate():
     seen = signals(bench, predicted)
     assert np.max(np.abs(seen["a_y"])) == pytest.approx(6.0, rel=0.05)
     assert 0.2 < np.mean(regimes(bench, seen)["lateral"]) < 0.6
+    assert regimes(bench, seen).keys().isdisjoint({"acceleration", "braking", "combined"})  # nothing shows these
