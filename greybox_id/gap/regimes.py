@@ -24,7 +24,7 @@ DEFINED_BY = {
     "straight": {"a_y"}, "lateral": {"a_y"}, "high_lateral": {"a_y"}, "transient": {"steer"}, "acceleration": {"a_x"},
     "braking": {"a_x"}, "combined": {"a_x", "a_y"}, "high_speed": {"v_x"},
 }  # fmt: skip
-"""Signals without which nothing can be said about a regime."""
+"""Signals without which a regime is not known."""
 
 
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:

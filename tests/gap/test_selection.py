@@ -125,6 +125,18 @@ def test_what_acts_alike_only_beyond_its_bound_stands_for_nothing(bound, alike):
     assert ({"effect_1", "effect_2"} in [set(each.names) for each in result.tried]) == alike
 
 
+def test_what_reaches_its_bound_only_once_it_is_refitted_stands_for_nothing():
+    """To first order it would do the same within its bounds; it does less, the larger it is."""
+    X = smooth_columns(3)
+
+    def respond(p):
+        return X[:, :, 0] * (p[0] + 0.9 * np.tanh(p[2])) + X[:, :, 1] * p[1]
+
+    measured = respond(np.array([0.8, 0.5, 0.0])) + SD * np.random.default_rng(0).standard_normal((400, 2))
+    result = selected(GivenBench(respond, measured, 3), 3, bounds={2: {"low": -1.0, "high": 1.0}})
+    assert {"effect_1", "effect_2"} not in [set(each.names) for each in result.tried]
+
+
 def test_effects_at_their_bounds_leave_and_the_rest_is_searched_again(monkeypatch):
     """They are symptoms of other causes, in whose place they stand."""
     X = smooth_columns(4)
